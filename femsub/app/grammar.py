@@ -32,7 +32,7 @@ from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, Joint
+from femsub.app.joints import GROUND, Joint, facing_set
 from femsub.app.keys import key, keys_of, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
@@ -370,7 +370,10 @@ class Scene:
         meshes: dict[str, Any] = {}
         for name, part in self.parts.items():
             with faults.at(("part", name)):
-                meshes[name] = self.mesh(name)
+                meshes[name] = mesh = self.mesh(name)
+                for key_, one in part.sets_named() if mesh is not None else ():
+                    if one not in (known := {**mesh.sets, **mesh.groups}):
+                        faults.add(("part", name, key_), unknown_name("set", one, known))
             for material in self._materials_of(part):
                 if material not in self.materials:
                     faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
@@ -416,9 +419,10 @@ class Scene:
             return
         name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
         if name not in self.parts:
-            if isinstance(self.table.get("part", {}), Mapping) and name in self.table.get("part", {}):
+            every = self.table.get("part", {})
+            if name in every:
                 return  # it has faults of its own
-            raise unknown_name("part", name, self.parts)
+            raise unknown_name("part", name, every)
         part = self.parts[name]
         if type(part).KIND == "affine":
             raise InputError(f"{name!r} is a pencil of matrices, which can be neither joined nor under a contact")
@@ -495,11 +499,6 @@ class Scene:
             several = table.get(family, {})
             for one in several if isinstance(several, list) else several.values():
                 yield from within(self.kinds.of(family, one), one)
-
-
-def facing_set(first: tuple[str, str], second: tuple[str, str]) -> str:
-    """The name of the set of what lies opposite a surface."""
-    return f"{second[1]}-facing-{first[0]}"
 
 
 def copied(value: Any) -> Any:

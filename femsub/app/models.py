@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.grammar import facing_set
-from femsub.app.joints import GROUND
+from femsub.app.joints import GROUND, facing_set
 from femsub.app.methods import FULL
 from femsub.checks import Array
 from femsub.components import node_rows
@@ -84,7 +83,7 @@ class Models:
     @cached_property
     def _built(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, str], float]:
         """The full model, meshes by the names of its parts, the pieces of parts that are cut, and the seconds it took."""
-        return self.kept(("full", self._key), self._build)  # type: ignore[no-any-return]
+        return self.kept(("full", self._key), self._build)
 
     def _build(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, list[str]], float]:
         scene, parts, meshes, joints = self.scene, dict[str, Any](), dict[str, fs.Mesh](), list[Any]()
@@ -187,9 +186,9 @@ class Models:
             with self.scene.faults.at(self.scene.place("contact", name)):
                 found.append(self._contact(one, {}, self.meshes))
         self.scene.faults.check()
-        for name, one in self.scene.parameters.items():  # a value in [parameter.NAME] holds for all contacts that have it
-            if one.value is not None and not one.acts and any(hasattr(contact, name) for contact in found):
-                found = list(contacts_at(found, name, one.value))
+        for name, given in self.scene.parameters.items():  # a value in [parameter.NAME] holds for all contacts that have it
+            if given.value is not None and not given.acts and any(hasattr(contact, name) for contact in found):
+                found = list(contacts_at(found, name, given.value))
         return found
 
     @property
@@ -218,7 +217,7 @@ class Models:
             self.say("normal modes")
             return fs.normal_modes(self.full, count=max(1, min(RIGID + self.scene.settings.elastic, self.full.size - RIGID)))
 
-        return self.kept(("normal", self._key, self.scene.settings.elastic), modes)  # type: ignore[no-any-return]
+        return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
 
     @cached_property
     def given_band(self) -> tuple[float, float] | None:
@@ -251,7 +250,7 @@ class Models:
                 steps = tuple(self._step(one, row, count, bool(keys.sizes)) for one in (entry if isinstance(entry, list) else [entry]))
                 steps = tuple(one for one in steps if one is not None)
                 if steps:
-                    key = fs_key(steps)
+                    key = "box" if isinstance(steps[-1], fs.ParameterBox) else key_of(steps)
                     found.setdefault(repr(steps), (key, count, steps))
         return list(found.values())
 
@@ -264,7 +263,7 @@ class Models:
             return fs.ContactModes(min(count, full.size - 1), contacts=self.linear, friction=entry == "contact-modes")
         if entry == "box":
             ranges = {name: one.range for name, one in self.scene.parameters.items() if one.range}
-            return fs.ParameterBox(ranges, band=self.band)
+            return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
                 count -= len(full.interface)
@@ -295,18 +294,22 @@ class Models:
     def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
         """The model after all steps."""
         def reduce() -> Known:
-            self.say(in_words(steps))
+            self.say("a box of parameters" if isinstance(steps[-1], fs.ParameterBox) else in_words(steps))
             before, model = list[Any](), self.full
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
                 for step in steps:
                     before.append(model)
+                    if isinstance(step, fs.ParameterBox):
+                        family, contacts = self.over(self.exact, list(step.ranges))
+                        model = fs.reduce(family, step, contacts=contacts)
+                        continue
                     model = reduced_by(model, [step], self.linear, self.scene.reduce.ports, self.scene.reduce.workers or None)
             return Known(key, count if key not in METHODS or not hasattr(model, "modes") else model.modes, model, before, steps)
 
         place = "reduced", self._key, repr(steps), self.scene.reduce.ports, repr(self.linear) if any(
             isinstance(one, fs.ContactModes) for one in steps) else ""
-        return self.kept(place, reduce)  # type: ignore[no-any-return]
+        return self.kept(place, reduce)
 
     @cached_property
     def reduced(self) -> list[Known]:
@@ -355,14 +358,14 @@ class Models:
                 model = known.model
                 return fs.complex_modes(model.at(**{name: given.get(name, self.value(name)) for name in model.parameters}), band=band)
             if isinstance(known.model, fs.BoxModel):
-                return known.model.at(**{name: given.get(name, self.value(name)) for name in known.model.parameters})
+                return known.model.modes(**{name: given.get(name, self.value(name)) for name in known.model.parameters})
             if known is self.exact or band is None:
                 self.say(f"complex modes of {known.model.size} DOF")
                 return fs.complex_modes(known.model, self.at(given), band=band, evidence=evidence)
             return beside_the_full(known.model, self.at(given), band=band)
 
         at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
-        return self.kept(at, modes)  # type: ignore[no-any-return]
+        return self.kept(at, modes)
 
     def value(self, name: str) -> float:
         """The value of a parameter of matrices.
@@ -422,10 +425,10 @@ class Models:
         starts = dict(zip(self.meshes, np.cumsum([0, *(len(mesh.points) for mesh in self.meshes.values())]), strict=False))
         found: dict[str, list[Array]] = {"contact": [], "interface": []}
         for one in self.scene.contacts.values():
-            for first, second in [map(self.scene.split, one.surfaces)] if one.surfaces else []:
-                name, rows = (second[0], facing_set(first, second)) if getattr(one, "facing", False) else first
-                if rows in self.meshes[name].sets:
-                    found["contact"].append(starts[name] + self.meshes[name].sets[rows])
+            if one.surfaces:
+                first, second = map(self.scene.split, one.surfaces)
+                name, surface = (second[0], facing_set(first, second)) if getattr(one, "facing", False) else first
+                found["contact"].append(starts[name] + self.meshes[name].sets[surface])
         if self.alone and self.full.dofs is not None:
             mesh, dofs = next(iter(self.meshes.values())), self.full.dofs
             ports = [np.flatnonzero(self.full.port(name)) for one in self.contacts for name in one.ports]
@@ -441,8 +444,3 @@ def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = 
     return fs.Mesh(np.vstack([mesh.points for mesh in meshes]),
                    np.vstack([mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]), meshes[0].kind,
                    groups=groups or {})
-
-
-def fs_key(steps: Sequence[Any]) -> str:
-    """The key of the first step, or of that of all parts; 'mixed' where they differ."""
-    return key_of(steps)

@@ -376,7 +376,7 @@ def reduced_by(model: Substructure, steps: Sequence[Step], contacts: Sequence[Co
                 all(one.modes is not None for one in step.values()):
             step = {name: bases.first(model.parts[name], one, ports) for name, one in step.items()}  # type: ignore[misc]
         tolerance = isinstance(step, Method) and step.band is not None and not isinstance(step, ContactModes)
-        model = reduce(model, step, joining, judged if tolerance else None, workers=workers)
+        model = reduce(model, step, joining, judged if tolerance else None, workers=workers)  # type: ignore[arg-type]
     return model
 
 

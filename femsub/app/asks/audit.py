@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -14,7 +13,7 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.errors import InputError, unknown_name
+from femsub.errors import InputError
 from femsub.studies import Remark, Table, column
 
 if TYPE_CHECKING:
@@ -78,9 +77,6 @@ class Audit(Ask):
         if self.audit == PARTS and not scene.reduce.methods and not any(
                 type(part).KIND == "superelement" for part in scene.parts.values()):
             raise InputError("audit needs reduced models, [reduce], or a part that is a superelement")
-
-    def parts_named(self) -> Iterable[str]:
-        return ()
 
     def run(self, models: Models) -> Result:
         units = models.scene.units.system
@@ -156,5 +152,3 @@ def example(lost: int = 3) -> tuple[Any, Any]:
                                   full_interface=whole.full_interface, cutoff=whole.cutoff, method="Craig-Bampton",
                                   full_dofs=whole.full_dofs), full
 
-
-assert unknown_name

@@ -88,7 +88,7 @@ class Compare(Ask):
         """The comparison of one full model with those reduced from it; what it has solved is there for other asks."""
         keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
         made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
-        over = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter, self.between)} if self.over else {}
+        over: dict[str, Any] = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter, self.between)} if self.over else {}
         if not over and (self.parameter or "critical" not in self.compare):
             over = {"parameter": self.parameter if self.values else ""}
         at = np.linspace(lo or hi / self.frequencies, hi, self.frequencies) if "response" in self.compare else None

@@ -72,7 +72,7 @@ class ComplexModes(Ask):
             shapes.append((own, found, at))
             remarks.append(studies.stability_remark(rows) if rows[0]["model"] == "full" else Remark())
         data: dict[str, Any] = {"complex-modes": {"models": spectra, "unstable": unstable, "at": self.at}}
-        columns = [*self.varying, "model", "modes", "size", "up_to", "counted", "full_counted",
+        columns: list[Any] = [*self.varying, "model", "modes", "size", "up_to", "counted", "full_counted",
                    column("growth", "largest Re λ"), "full_growth", "is_stable",
                    *(["shape_error"] if any("shape_error" in row for row in spectra) else [])]
         at_words = "".join(f", {name} = {value:g}" for name, value in self.at.items())

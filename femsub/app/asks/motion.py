@@ -109,12 +109,11 @@ class Motion(Ask):
             models.say(f"motion, {name}")
             part: Result = getattr(self, name)(models, tracks)
             found = Result(found.data | part.data, [*found.shown, *([""] if part.shown else []), *part.shown])
-        assert label
         return found
 
     def track(self, models: Models, one: Known) -> Track:
         """A model's run, and what it shows in the window: amplitude, frequencies, sticking."""
-        run, window, (unit, _) = self.long_run(models, one)
+        run, window, _ = self.long_run(models, one)
         place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
         v = run.velocity(place)
         row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "window": list(window), "rms": None, "peaks": None,
@@ -126,7 +125,6 @@ class Motion(Ask):
             row |= {"rms": fs.rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights}
             if belts and any(belt.port == place for belt in belts) and not run.contact.without_eps:
                 row["sticking"] = fs.sticking(run, place, window)
-        assert unit
         return Track(one.kind, one.model, run, window, seen, row, v, belts[0].speed if belts else None)
 
     def place(self, models: Models) -> str:

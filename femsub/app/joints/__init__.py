@@ -43,3 +43,8 @@ class Joint(Kind):
     def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
         """The joints between the ends, as `couple` takes them."""
         raise NotImplementedError
+
+
+def facing_set(first: tuple[str, str], second: tuple[str, str]) -> str:
+    """The name of the set of what lies opposite a surface."""
+    return f"{second[1]}-facing-{first[0]}"

@@ -75,6 +75,10 @@ class Part(Kind):
         """Its ports."""
         return list(self.ports)
 
+    def sets_named(self) -> Iterable[tuple[str, str]]:
+        """The keys that name sets of the mesh, each with the set."""
+        return ()
+
     def mesh(self, site: Site) -> Mesh | None:
         """The mesh, which is read or made before anything is assembled; None of parts without one."""
         return None
@@ -91,6 +95,10 @@ class Part(Kind):
         """A part that is one substructure."""
         sub = fs.damped(sub, structural=self.loss) if self.loss else sub
         return Made({site.name: sub}, (), {site.name: mesh} if mesh is not None else {})
+
+    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+        """A change of a constant of its material, in a group of cells; `part` names it in a system."""
+        raise InputError(f"a part of the kind {self.KIND!r} has no material that could change")
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         """What `couple` takes for an end 'part.words': a set's name."""

@@ -51,11 +51,20 @@ class Beam(Part):
         places = nodes * (self.beam / self.elements)
         return fs.Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
 
+    @property
+    def section(self) -> dict[str, float]:
+        """I and A."""
+        return {"I": self.I or self.width * self.height**3 / 12, "A": self.A or self.width * self.height}
+
+    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+        of = site.material(self.material)
+        return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation, part=part,
+                                      rayleigh=rates(self.rayleigh), **self.section)
+
     def made(self, site: Site, mesh: Mesh | None) -> Made:
         of = site.material(self.material)
         return self.one(site, fs.beam(
-            self.beam, self.elements, E=of.E, I=self.I or self.width * self.height**3 / 12, rho=of.rho,
-            A=self.A or self.width * self.height, foundation=self.foundation, supports={"left": self.left, "right": self.right},
+            self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation, supports={"left": self.left, "right": self.right},
             interface=self.prefer(site), ports=self.ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:

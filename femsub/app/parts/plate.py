@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -51,6 +52,12 @@ class Plate(Part):
 
     KIND: ClassVar[str] = "plate"
 
+    def sets_named(self) -> Iterable[tuple[str, str]]:
+        ports = [one for one in self.ports.values() if isinstance(one, str)]
+        for key_, names in (("clamped", self.clamped), ("simply_supported", self.simply_supported), ("interface", self.interface),
+                            ("ports", ports)):
+            yield from ((key_, str(name)) for name in names)
+
     def mesh(self, site: Site) -> Mesh | None:
         if isinstance(self.plate, Rectangle):
             return self.plate.mesh(site.name)
@@ -66,3 +73,9 @@ class Plate(Part):
             found = fs.cut(mesh, fs.plate, into=None if self.cut_at else self.cut, sets=self.cut_at or None, **options)
             return Made(dict(found.parts), found.joints, found.meshes)
         return self.one(site, fs.plate(mesh, interface=self.prefer(site), name=site.name, **options), mesh)
+
+    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+        of = site.material(self.material)
+        assert mesh is not None
+        return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group or None,
+                                       part=part, rayleigh=rates(self.rayleigh))

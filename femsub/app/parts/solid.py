@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -103,6 +104,11 @@ class Solid(Part):
 
     KIND: ClassVar[str] = "solid"
 
+    def sets_named(self) -> Iterable[tuple[str, str]]:
+        ports = [one if isinstance(one, str) else one[0] for one in self.ports.values() if one]
+        for key_, names in (("supports", motions(self.supports)), ("interface", motions(self.interface)), ("ports", ports)):
+            yield from ((key_, str(name)) for name in names)
+
     def mesh(self, site: Site) -> Mesh | None:
         made = self.solid.mesh(site.name) if isinstance(self.solid, Shape) else fs.read_mesh(
             from_file(site, self.solid), kind=self.cells or None)
@@ -115,3 +121,11 @@ class Solid(Part):
         assert mesh is not None
         return self.one(site, fs.solid(mesh, material, supports=motions(self.supports), interface=motions(self.prefer(site)),
                                        ports=ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
+
+    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+        if isinstance(self.material, dict) and group not in self.material:
+            raise unknown_name(f"group of {site.name!r}", group, self.material)
+        name = self.material[group] if isinstance(self.material, dict) else self.material
+        assert mesh is not None
+        return fs.MaterialChange.solid(mesh, site.material(name), constant, cells=group or None, part=part,
+                                       rayleigh=rates(self.rayleigh))
