@@ -253,7 +253,7 @@ class Scene:
                     kind: Any = families[family]
                 else:
                     kind = None
-                    with faults.at(place):
+                    with faults.at((*place, next(iter(one), "kind"))):
                         kind = self.kinds.of(family, one)
                 if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item

@@ -47,7 +47,7 @@ class Known:
 
     def expand(self, q: Array) -> Array:
         """Motions of the full model, (n, k), of those of this one."""
-        after = [*self.before[1:], self.model]
+        after = [*self.before[1:], self.model] if self.before else []
         for above, here in zip(reversed(self.before), reversed(after), strict=True):
             q = above.collected(here.expand(q)) if isinstance(here, fs.System) else here.expand(q)
         return q
@@ -239,6 +239,21 @@ class Models:
     def band_of(self, given: Sequence[float]) -> tuple[float, float]:
         """That of an ask, or of the scene."""
         return (given[0], given[1]) if given else self.band
+
+    def band_below(self, known: Known, given: Sequence[float] = ()) -> tuple[float, float]:
+        """That of an ask, or of the scene, up to a model's cut-off.
+
+        Raises
+        ------
+        InputError
+            The cut-off lies below the band.
+        """
+        lo, hi = self.band_of(given)
+        cutoff = float(getattr(known.model, "cutoff", np.inf))
+        if cutoff <= lo:
+            raise InputError(f"the cut-off of the model of {known.model.size} DOF, {cutoff:.6g} rad/time, lies below the band. Keep "
+                             "more modes")
+        return lo, min(hi, cutoff)
 
     # reduced models
 

@@ -69,6 +69,8 @@ class Branch(Cycles):
             last = now + 0.25 * (now - begins)
             ends = begins - 0.02 * (last - begins), last
         ends = min(ends), max(ends)
+        if self.branch == "force":
+            ends = max(ends[0], 0.0), ends[1]
         ordered = self.ordered(models)
         order = ["full", *dict.fromkeys(one.kind for one in models.reduced)]
         if not small(models.full):

@@ -52,7 +52,7 @@ class Flutter(Ask):
                     label(one.kind) if one.kind != "full" else own.scene.name if models.pencil else "full"])])
                 models.say(f"modes over {self.flutter}, {name} with {one.model.size} DOF")
                 model, contacts = own.over(one, [self.flutter])
-                band = own.given_band if models.pencil and not self.band else own.band_of(self.band)
+                band = own.given_band if models.pencil and not self.band else own.band_below(one, self.band)
                 tracks[name] = fs.track(model, contacts, self.flutter, np.linspace(lo, hi, self.points), band=band)
                 if not tracks[name].eigenvalues.size:
                     raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time anywhere "

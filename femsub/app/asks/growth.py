@@ -40,13 +40,13 @@ class Growth(Ask):
     def run(self, models: Models) -> Result:
         lo, hi = self.between
         values = np.linspace(lo, hi, self.points) if lo * hi <= 0 else np.sign(lo) * np.geomspace(abs(hi), abs(lo), self.points)
-        panels: dict[tuple[str, str], dict[str, Any]] = {}
+        panels: dict[tuple[str, int, str], dict[str, Any]] = {}
         first, *others = self.varying
         for varied, own in self.variants(models):
             band = own.band_of(self.band)
             for one in own.every:
                 rest = ", ".join(str(varied[name]) for name in others)
-                panel = panels.setdefault((one.kind, rest), {"model": one.kind, "rest": rest, "growth": [], "critical_slope": []})
+                panel = panels.setdefault((one.kind, one.modes, rest), {"model": one.kind, "rest": rest, "growth": [], "critical_slope": []})
                 reached = band[1] <= one.model.cutoff  # else its modes above the cut-off would have a say
                 panel["growth"].append(fs.sweep(one.model, own.at({self.growth: 0.0}), self.growth, values, band=band).growth
                                        if reached else np.full(len(values), np.nan))

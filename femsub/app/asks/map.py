@@ -45,7 +45,7 @@ class Map(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.exact if models.pencil and not models.scene.reduce.methods else models.chosen(self.models)[0]
-        band = models.given_band if models.pencil and not self.band else models.band_of(self.band)
+        band = models.given_band if models.pencil and not self.band else models.band_below(known, self.band)
         ranges = {name: range_of(models.scene, name, []) for name in self.map}
         maps: dict[str, Any] = {}
         (third, values), = self.third.items() or {"": [0.0]}.items()

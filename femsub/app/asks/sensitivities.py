@@ -39,7 +39,7 @@ class Sensitivities(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
-        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_of(self.band))
+        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_below(known, self.band))
         of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
         if not of and (at := least_stable(modes)) is not None:
             of = [at]

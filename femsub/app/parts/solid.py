@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -50,10 +51,13 @@ class Shape:
         """The mesh with its sets."""
         counts = self.elements or [4, 48, 2]
         if self.brake:
-            return brake_meshes(self.size)[self.brake]
+            return _brake(self.size)[self.brake]
         made = _disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
             self.lengths, counts, self.cells, name=name)
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
+
+
+_brake = cache(brake_meshes)  # of three parts that are made in turn
 
 
 def _disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
