@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Growth(Ask):
+class GrowthAsk(Ask):
     """max Re λ of each model over the slope of a belt, and the critical slope, for each place or whatever else varies."""
 
     growth: str = key("slope", "the parameter", required=True, example="slope")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Mount(Joint):
+class MountJoint(Joint):
     """A spring and a dashpot from the mean motion of each set to the ground, along each of the directions."""
 
     mount: list[str] = key([], "the sets of solids, 'part.set'", required=True, example=["pad.back"])

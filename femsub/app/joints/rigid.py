@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Rigid(Joint):
+class RigidJoint(Joint):
     """The ends move alike."""
 
     rigid: list[str] = key([], f"the ends, two or more: {ENDS}", required=True, example=["disc.front", "pad.back"])

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Spring(Joint):
+class SpringJoint(Joint):
     """A spring and a dashpot between each pair of DOF that meet, or at a port 'part.port'."""
 
     spring: list[str] = key([], f"the two ends: {ENDS}", required=True, form="[first, second]", example=["pad.back", "ground"])

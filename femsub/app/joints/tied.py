@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Tied(Joint):
+class TiedJoint(Joint):
     """Two surfaces, glued. With `facing` the second takes part with those faces alone that lie opposite the first."""
 
     tied: list[str] = key([], "the surfaces, 'part.set'; the first is the smaller one", required=True, form="[first, second]",

@@ -19,7 +19,7 @@ from femsub.errors import InputError
 from femsub.io import read_aligned
 
 if TYPE_CHECKING:
-    from femsub import Affine as Family, Mesh
+    from femsub import Affine, Mesh
     from femsub.checks import Matrix
 
 
@@ -44,7 +44,7 @@ class Sums:
 
 
 @dataclass(frozen=True)
-class Affine(Part):
+class AffinePart(Part):
     """A pencil of your own matrices with factors of parameters, such as D1 + mu/speed DR + speed DG and K1 + mu KR + speed² Kgeo.
 
     It is no part that could be joined or reduced by itself. Its parameters have ranges and values in [parameter.NAME].
@@ -72,7 +72,7 @@ class Affine(Part):
     def made(self, site: Site, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
-    def family(self, site: Site, free: tuple[str, ...], values: Mapping[str, float]) -> Family:
+    def family(self, site: Site, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
         """The pencil over free parameters; the others have values."""
         matrices, sums = self.matrices(site), []
         for terms in self.factors.values():

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Beam(Part):
+class BeamPart(Part):
     """A beam along x that bends in the plane of x and w.
 
     A joint or contact names a node as 'part.left', 'part.right' or by its x, 'part.0.35'. Ports act along w.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Chain(Part):
+class ChainPart(Part):
     """A chain of masses between springs, held at its left end, with a dashpot at mass 1 and a port "belt".
 
     Masses count from 1. A joint or contact names one of them as 'part.m3'.

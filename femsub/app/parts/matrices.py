@@ -33,7 +33,7 @@ class MatrixFiles:
 
 
 @dataclass(frozen=True)
-class Matrices(Part):
+class MatricesPart(Part):
     """A part whose matrices are in files, in any consistent units. A joint names it, 'part', or some of its DOF, 'part:0,4'."""
 
     matrices: MatrixFiles = key(None, "the files", required=True, example={"M": "M.mtx", "K": "K.mtx"})

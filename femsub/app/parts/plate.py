@@ -32,7 +32,7 @@ class Rectangle:
 
 
 @dataclass(frozen=True)
-class Plate(Part):
+class PlatePart(Part):
     """A thin plate in a plane z = const. Ports act along w."""
 
     plate: str | Rectangle = key("", "a mesh file of triangles or axis-parallel rectangles, or a rectangle", file=True,

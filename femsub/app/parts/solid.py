@@ -87,7 +87,7 @@ class NearKeys:
 
 
 @dataclass(frozen=True)
-class Solid(Part):
+class SolidPart(Part):
     """A solid of hexahedra or tetrahedra. A set of nodes is held or joined in all directions, or as 'set:xy' in some."""
 
     solid: str | Shape = key("", "a mesh file, whatever femsub.read_mesh reads, or what is made", file=True, required=True,

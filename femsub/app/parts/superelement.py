@@ -19,7 +19,7 @@ MODEL = "model.json"  # of a folder of write_matrices
 
 
 @dataclass(frozen=True)
-class Superelement(Part):
+class SuperelementPart(Part):
     """A superelement, any one of its files. A joint names its whole boundary, 'wing', or one of its grids, 'wing.11'."""
 
     superelement: str = key("", "its file (.asm, .pch, .op4, .op2, .nc), a .full file, or the model.json of a folder of "
