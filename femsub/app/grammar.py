@@ -32,11 +32,11 @@ from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, Joint, facing_set
+from femsub.app.joints import GROUND, JointKind, facing_set
 from femsub.app.keys import key, keys_of, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
-from femsub.app.parts import MaterialKeys, Part, Site
+from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
 from femsub.checks import resolved, word
 from femsub.errors import FemsubError, InputError, unknown_name
@@ -260,7 +260,7 @@ class Scene:
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
         self.parts: dict[str, Part] = found["part"]
-        self.joints: dict[str, Joint] = found["joint"]
+        self.joints: dict[str, JointKind] = found["joint"]
         self.contacts: dict[str, ContactKind] = found["contact"]
         self.asks: list[Ask] = list(found["ask"].values())
         given = table.get("reduce")
@@ -332,7 +332,7 @@ class Scene:
         name, _, rest = end.partition(".")
         return name, rest
 
-    def site(self, name: str) -> Site:
+    def site(self, name: str) -> PartSite:
         """Where a part is made, with what others need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
@@ -343,7 +343,7 @@ class Scene:
         for contact in self.contacts.values():
             interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
         flat = [one for several in interface for one in several]
-        return Site(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
+        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
 
     def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
         """The sets or DOF of the interface that an end names."""
@@ -381,7 +381,7 @@ class Scene:
         for family, several in (("joint", self.joints), ("contact", self.contacts)):
             for name, one in several.items():
                 place = (*self.place(family, name), type(one).KIND)
-                ends = [*(one.ends if isinstance(one, Joint) else (*one.places, *one.surfaces))]
+                ends = [*(one.ends if isinstance(one, JointKind) else (*one.places, *one.surfaces))]
                 for end in ends:
                     with faults.at(place):
                         self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)

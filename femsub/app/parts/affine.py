@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.algebra import as_matrix
 from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site
+from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.errors import InputError
 from femsub.io import read_aligned
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Term:
+class Summand:
     """One matrix of a sum, and its factor."""
 
     matrix: str | list[list[float]] = key("", "the file of the matrix, 'model.mat:DR' of one in it, or its rows", required=True,
@@ -37,9 +37,9 @@ class Term:
 class Sums:
     """The sums. Any of the matrices may be unsymmetric."""
 
-    M: list[Term] = key([], "masses", required=True)
-    D: list[Term] = key([], "dampings and gyroscopic terms", otherwise="none")
-    K: list[Term] = key([], "stiffnesses and circulatory terms", required=True)
+    M: list[Summand] = key([], "masses", required=True)
+    D: list[Summand] = key([], "dampings and gyroscopic terms", otherwise="none")
+    K: list[Summand] = key([], "stiffnesses and circulatory terms", required=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
 
 
@@ -69,10 +69,10 @@ class AffinePart(Part):
     def __post_init__(self) -> None:
         _ = self.names  # a factor that is no expression is refused here
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
-    def family(self, site: Site, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
+    def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
         """The pencil over free parameters; the others have values."""
         matrices, sums = self.matrices(site), []
         for terms in self.factors.values():
@@ -88,7 +88,7 @@ class AffinePart(Part):
             sums.append(added or (None if terms is self.factors["D"] else [(0.0, A)]))
         return fs.Affine(*sums)
 
-    def matrices(self, site: Site) -> Mapping[str, Matrix]:
+    def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
         """By their places, checked, all of one size."""
         given = {f"{sum_}[{i}]": term.matrix for sum_ in "MDK" for i, term in enumerate(getattr(self.affine, sum_), 1)}
         paths = {name: found(site, one) for name, one in given.items() if isinstance(one, str)}

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import RAYLEIGH, Made, Part, Site, rates
+from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, rates
 from femsub.components import SUPPORTS
 from femsub.errors import InputError
 
@@ -46,7 +46,7 @@ class BeamPart(Part):
         if not (self.I or (self.width and self.height)) or not (self.A or (self.width and self.height)):
             raise InputError("give width and height, or I and A")
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         nodes = np.arange(self.elements + 1)
         places = nodes * (self.beam / self.elements)
         return fs.Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
@@ -56,12 +56,12 @@ class BeamPart(Part):
         """I and A."""
         return {"I": self.I or self.width * self.height**3 / 12, "A": self.A or self.width * self.height}
 
-    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation, part=part,
                                       rayleigh=rates(self.rayleigh), **self.section)
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)
         return self.one(site, fs.beam(
             self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation, supports={"left": self.left, "right": self.right},

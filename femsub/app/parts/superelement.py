@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site, from_file
+from femsub.app.parts import Made, Part, PartSite, from_file
 from femsub.app.parts.matrices import DOF
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class SuperelementPart(Part):
 
     KIND: ClassVar[str] = "superelement"
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         path = from_file(site, self.superelement)
         given: dict[str, Any] = {"interface": self.interface, "ports": self.ports, "cutoff": self.cutoff}
         return self.one(site, fs.read_component(path.parent if path.name == MODEL else path, name=site.name, **{
