@@ -402,9 +402,10 @@ class Scene:
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
-                if not self.variant:
-                    with faults.at(("ask", at, "vary")):
-                        self._check_varied(ask)
+        if not faults.found and not self.variant:
+            for at, ask in enumerate(self.asks):
+                with faults.at(("ask", at, "vary")):
+                    self._check_varied(ask)
 
     def _check_varied(self, ask: Ask) -> None:
         """Refuses keys that are not there, and values that they cannot have."""
