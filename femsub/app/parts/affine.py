@@ -50,7 +50,8 @@ class AffinePart(Part):
     It is no part that could be joined or reduced by itself. Its parameters have ranges and values in [parameter.NAME].
     """
 
-    affine: Sums = key(None, "the matrices", required=True)
+    affine: Sums = key(None, "the matrices", required=True, example={"M": [{"matrix": "M.mtx"}], "K": [
+        {"matrix": "K.mtx"}, {"matrix": "KR.mtx", "factor": "mu"}]})
 
     KIND: ClassVar[str] = "affine"
     WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it places")

@@ -28,9 +28,10 @@ class BeamPart(Part):
     beam: float = key(1.0, "its length", unit="length", above=0, required=True, example=1.0)
     material: str = key("", "the name of its material", required=True, example="steel")
     elements: int = key(20, "equal elements along it", least=1, most=10**7)
-    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given")
+    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given",
+                       example=0.02)
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
-                        otherwise="I and A are given")
+                        otherwise="I and A are given", example=0.01)
     I: float = key(0.0, "second moment of area", unit="length⁴", least=0, otherwise="that of the rectangle width x height")  # noqa: E741
     A: float = key(0.0, "area", unit="length²", least=0, otherwise="that of the rectangle width x height")
     foundation: float = key(0.0, "stiffness of an elastic foundation per length", unit="force/length²", least=0)
