@@ -161,6 +161,7 @@ class Scene:
         self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         self._allowed = allowed
         faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
@@ -312,7 +313,11 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
-            self.store[place] = part.mesh(self.site(name))
+            from femsub.io import texts_read
+
+            with texts_read() as texts:
+                self.store[place] = part.mesh(self.site(name))
+            self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
@@ -499,7 +504,7 @@ class Scene:
 
     def without_figures(self) -> Self:
         """The scene, which draws nothing."""
-        self.figures = False
+        self.figures = self.table["figures"] = False
         return self
 
     def __repr__(self) -> str:
