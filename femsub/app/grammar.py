@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
@@ -32,11 +33,11 @@ from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, Joint, facing_set
+from femsub.app.joints import GROUND, JointKind, facing_set
 from femsub.app.keys import key, keys_of, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
-from femsub.app.parts import MaterialKeys, Part, Site
+from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
 from femsub.checks import resolved, word
 from femsub.errors import FemsubError, InputError, unknown_name
@@ -156,11 +157,13 @@ class Scene:
     """
 
     def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
-                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True) -> None:
+                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True, variant: bool = False) -> None:
+        self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         self._allowed = allowed
-        faults = Faults(source, text)
+        faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
             self.kinds = Kinds(self._modules(table.get("use", [])))
         faults.check()
@@ -235,6 +238,10 @@ class Scene:
         table = self.table
         families = {"material": MaterialKeys, "parameter": ParameterKeys}
         above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
+        for name in (one for one in above if one not in keys_of(Settings)):
+            faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
+                                             ["scene", *keys_of(Settings), "reduce", *families, *FAMILIES]))
+        above = {name: value for name, value in above.items() if name in keys_of(Settings)}
         settings = made(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
@@ -260,7 +267,7 @@ class Scene:
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
         self.parts: dict[str, Part] = found["part"]
-        self.joints: dict[str, Joint] = found["joint"]
+        self.joints: dict[str, JointKind] = found["joint"]
         self.contacts: dict[str, ContactKind] = found["contact"]
         self.asks: list[Ask] = list(found["ask"].values())
         given = table.get("reduce")
@@ -306,7 +313,11 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
-            self.store[place] = part.mesh(self.site(name))
+            from femsub.io import texts_read
+
+            with texts_read() as texts:
+                self.store[place] = part.mesh(self.site(name))
+            self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
@@ -332,7 +343,7 @@ class Scene:
         name, _, rest = end.partition(".")
         return name, rest
 
-    def site(self, name: str) -> Site:
+    def site(self, name: str) -> PartSite:
         """Where a part is made, with what others need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
@@ -343,7 +354,7 @@ class Scene:
         for contact in self.contacts.values():
             interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
         flat = [one for several in interface for one in several]
-        return Site(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
+        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
 
     def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
         """The sets or DOF of the interface that an end names."""
@@ -381,7 +392,7 @@ class Scene:
         for family, several in (("joint", self.joints), ("contact", self.contacts)):
             for name, one in several.items():
                 place = (*self.place(family, name), type(one).KIND)
-                ends = [*(one.ends if isinstance(one, Joint) else (*one.places, *one.surfaces))]
+                ends = [*(one.ends if isinstance(one, JointKind) else (*one.places, *one.surfaces))]
                 for end in ends:
                     with faults.at(place):
                         self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)
@@ -396,6 +407,18 @@ class Scene:
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
+        if not faults.found and not self.variant:
+            for at, ask in enumerate(self.asks):
+                with faults.at(("ask", at, "vary")):
+                    self._check_varied(ask)
+
+    def _check_varied(self, ask: Ask) -> None:
+        """Refuses keys that are not there, and values that they cannot have."""
+        for path, values in ask.vary.items():
+            if not values:
+                raise InputError(f"{path!r} has no values")
+        for values in product(*ask.vary.values()) if ask.vary else ():
+            self.varied(dict(zip(ask.vary, values, strict=True)))
 
     def _check_joined(self, links: Sequence[set[str]], lone: set[str], faults: Faults) -> None:
         """Notes parts that nothing joins to the others."""
@@ -457,10 +480,19 @@ class Scene:
         for path, value in changes.items():
             *above, last = path.split(".")
             here = table
-            for one in above:
-                here = here.setdefault(one, {})
+            for at, one in enumerate(above):
+                if isinstance(here, list):
+                    if not (one.isdecimal() and 1 <= int(one) <= len(here)):
+                        raise unknown_name(".".join(above[:at]), one, map(str, range(1, len(here) + 1)))
+                    here = here[int(one) - 1]
+                elif at == 1 and above[0] in FAMILIES and one not in here:
+                    raise unknown_name(above[0], one, here)
+                else:
+                    here = here.setdefault(one, {})
+            if not isinstance(here, dict):
+                raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed)
+        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed, True)
         made.figures = self.figures
         return made
 
@@ -472,7 +504,7 @@ class Scene:
 
     def without_figures(self) -> Self:
         """The scene, which draws nothing."""
-        self.figures = False
+        self.figures = self.table["figures"] = False
         return self
 
     def __repr__(self) -> str:

@@ -87,7 +87,7 @@ class Ask(Kind):
 
 def shown(value: Any) -> Any:
     """A value of `vary` in a table."""
-    return "{" + ", ".join(map(str, value)) + "}" if isinstance(value, list) else value
+    return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
 
 
 def parameter_of(scene: Scene, name: str) -> None:

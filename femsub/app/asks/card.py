@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Card(Ask):
+class CardAsk(Ask):
     """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
 
     card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Flutter(Ask):
+class FlutterAsk(Ask):
     """Frequencies and growth rates of modes over a parameter, and where they meet."""
 
     flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]", required=True,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Growth(Ask):
+class GrowthAsk(Ask):
     """max Re λ of each model over the slope of a belt, and the critical slope, for each place or whatever else varies."""
 
     growth: str = key("slope", "the parameter", required=True, example="slope")
@@ -34,8 +34,8 @@ class Growth(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         parameter_of(scene, self.growth)
-        if not self.vary:
-            raise InputError("growth needs vary: what changes from column to column, e.g. {\"part.chain.belt\" = [1, 2, 3]}")
+        if not self.varying:
+            raise InputError("growth needs vary with several values: what changes from column to column, e.g. {\"part.chain.belt\" = [1, 2, 3]}")
 
     def run(self, models: Models) -> Result:
         lo, hi = self.between
@@ -53,6 +53,6 @@ class Growth(Ask):
                 panel["critical_slope"].append(studies.first_loss(one.model, own.linear, self.growth, None, band).value)
         for panel in panels.values():
             panel["growth"] = np.array(panel["growth"])
-        found = {"slopes": values, "at": next(iter(self.vary.values())), "over": first,
+        found = {"slopes": values, "at": next(given for given in self.vary.values() if len(given) > 1), "over": first,
                  "panels": sorted(panels.values(), key=lambda one: one["rest"])}
         return Result({"growth": found}, [studies.growth_chart(found)])

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Helps(Ask):
+class HelpsAsk(Ask):
     """Each change by its amount, solved anew: the largest growth with it, in the order of the effect."""
 
     helps: dict[str, float] = key({}, "changes and their amounts: {damper = 100.0} with [parameter.damper]", required=True,

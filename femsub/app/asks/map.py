@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Map(Ask):
+class MapAsk(Ask):
     """The number of growing modes and the largest growth over two parameters, with the borders as curves.
 
     A third parameter has a map for each of its values, which the page shows one at a time.

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Scatter(Ask):
+class ScatterAsk(Ask):
     """The probability that a mode grows, where parameters are uniform over their ranges, or normal with a deviation."""
 
     scatter: list[str] = key([], "the parameters that scatter", required=True, example=["mu", "stiffness"])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Sensitivities(Ask):
+class SensitivitiesAsk(Ask):
     """∂λ/∂p of the modes that grow, or of the least stable one, with error bars: what each parameter does to growth and frequency."""
 
     sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]", required=True,
