@@ -27,7 +27,7 @@ from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from femsub.app.asks import Ask
+from femsub.app.asks import Ask, parameter_of
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
@@ -393,6 +393,10 @@ class Scene:
         lone = {name for ask in self.asks for name in ask.parts_named()}
         self._check_joined(links, lone, faults)
         if not faults.found:
+            for name, given in self.parameters.items():
+                if not given.acts:
+                    with faults.at(("parameter", name)):
+                        parameter_of(self, name)
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)

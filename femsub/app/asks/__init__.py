@@ -125,6 +125,21 @@ def range_of(scene: Scene, name: str, between: list[float]) -> tuple[float, floa
     return given.range
 
 
+def check_factors(scene: Scene, ask: Ask, name: str, between: tuple[float, float]) -> None:
+    """Refuses factors of matrices that have no value somewhere in the range of a parameter.
+
+    Raises
+    ------
+    InputError
+        The factor, and the place; another parameter without a value; no factor changes.
+    """
+    values = {other: one.value for other, one in scene.parameters.items() if one.value is not None and other != name}
+    later = {path.split(".")[1] for path in ask.vary if path.startswith("parameter.")}  # of which the variants have values
+    for part in scene.parts.values():
+        if hasattr(part, "check_over") and not later & set(part.names) - set(values):
+            part.check_over(name, between, values)
+
+
 def rowed(values: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Rows with what varies in front."""
     return [{**values, **row} for row in rows]
