@@ -37,7 +37,7 @@ def checked(entry: Any) -> Any:
     if isinstance(entry, str):
         name = known(entry)
         if name not in (*reduction.METHODS, *WHOLE, FULL):
-            raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE))
+            raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE, FULL))
         return name
     if isinstance(entry, Mapping) and entry:
         return {part: checked(one) if not isinstance(one, Mapping) else {**one, "method": checked(one.get("method", ""))}
@@ -66,8 +66,12 @@ class ReduceKeys:
     @property
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
-        return " and ".join(reduction.METHODS[one].label if one in reduction.METHODS else str(one) if isinstance(one, str) else
-                            ", then ".join(map(str, one)) if isinstance(one, list) else "one for each part" for one in self.methods)
+        def said(one: Any) -> str:
+            if isinstance(one, str):
+                return reduction.METHODS[one].label if one in reduction.METHODS else one
+            return ", then ".join(map(said, one)) if isinstance(one, list) else "one for each part"
+
+        return " and ".join(map(said, self.methods))
 
     def parts_named(self) -> Iterable[str]:
         """The parts that tables of methods name."""
