@@ -67,9 +67,9 @@ class ReduceKeys:
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
         def said(one: Any) -> str:
-            if isinstance(one, str):
-                return reduction.METHODS[one].label if one in reduction.METHODS else one
-            return ", then ".join(map(said, one)) if isinstance(one, list) else "one for each part"
+            if isinstance(one, list):
+                return ", then ".join(map(said, one))
+            return (reduction.METHODS[one].label if one in reduction.METHODS else one) if isinstance(one, str) else "one for each part"
 
         return " and ".join(map(said, self.methods))
 
