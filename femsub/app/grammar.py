@@ -27,7 +27,7 @@ from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks import Ask, check_bounds, parameter_of
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
@@ -398,6 +398,7 @@ class Scene:
                 if not given.acts:
                     with faults.at(("parameter", name)):
                         parameter_of(self, name)
+                        check_bounds(self, name, [*given.between, *([] if given.value is None else [given.value])])
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
