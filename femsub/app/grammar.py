@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
@@ -156,11 +157,12 @@ class Scene:
     """
 
     def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
-                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True) -> None:
+                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True, variant: bool = False) -> None:
+        self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
         self._allowed = allowed
-        faults = Faults(source, text)
+        faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
             self.kinds = Kinds(self._modules(table.get("use", [])))
         faults.check()
@@ -235,6 +237,10 @@ class Scene:
         table = self.table
         families = {"material": MaterialKeys, "parameter": ParameterKeys}
         above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
+        for name in (one for one in above if one not in keys_of(Settings)):
+            faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
+                                             ["scene", *keys_of(Settings), "reduce", *families, *FAMILIES]))
+        above = {name: value for name, value in above.items() if name in keys_of(Settings)}
         settings = made(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
@@ -402,6 +408,17 @@ class Scene:
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
+                if not self.variant:
+                    with faults.at(("ask", at, "vary")):
+                        self._check_varied(ask)
+
+    def _check_varied(self, ask: Ask) -> None:
+        """Refuses keys that are not there, and values that they cannot have."""
+        for path, values in ask.vary.items():
+            if not values:
+                raise InputError(f"{path!r} has no values")
+        for values in product(*ask.vary.values()) if ask.vary else ():
+            self.varied(dict(zip(ask.vary, values, strict=True)))
 
     def _check_joined(self, links: Sequence[set[str]], lone: set[str], faults: Faults) -> None:
         """Notes parts that nothing joins to the others."""
@@ -463,10 +480,19 @@ class Scene:
         for path, value in changes.items():
             *above, last = path.split(".")
             here = table
-            for one in above:
-                here = here.setdefault(one, {})
+            for at, one in enumerate(above):
+                if isinstance(here, list):
+                    if not (one.isdecimal() and 1 <= int(one) <= len(here)):
+                        raise unknown_name(".".join(above[:at]), one, map(str, range(1, len(here) + 1)))
+                    here = here[int(one) - 1]
+                elif at == 1 and above[0] in FAMILIES and one not in here:
+                    raise unknown_name(above[0], one, here)
+                else:
+                    here = here.setdefault(one, {})
+            if not isinstance(here, dict):
+                raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed)
+        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed, True)
         made.figures = self.figures
         return made
 

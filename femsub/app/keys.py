@@ -119,6 +119,7 @@ def key(default: Any, meaning: str, **known: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
+@cache
 def keys_of(kind: type) -> dict[str, Key]:
     """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last.
 
@@ -256,7 +257,7 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
                 all(isinstance(item, Mapping) for item in value):
             return [made(inner, item, (*place, at), faults, hertz) for at, item in enumerate(value)]
     value = _typed("it", value, one.type)
-    check_value(one, "it", value, owner)
+    check_value(one, "it", value, owner, word=str(place[-1]))
     return value
 
 
@@ -289,14 +290,14 @@ def check_keys(scene: Any, where: str = "") -> None:
         check_value(one, name, value, type(scene), field == "band")
 
 
-def check_value(one: Key, name: str, value: Any, owner: Any, band: bool = False) -> None:
-    """Checks a value against what is known of its key."""
+def check_value(one: Key, name: str, value: Any, owner: Any, band: bool = False, word: str = "") -> None:
+    """Checks a value against what is known of its key; `word` stands for an unknown word where the name does not."""
     if one.length and (isinstance(value, list) and len(value) != one.length):
         raise InputError(f"{name} must be {one.form}, not {shown(value)}")
     if one.form in RANGES and isinstance(value, list):
         check_band(value) if band else interval(name, value)
     if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
-        raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
+        raise InputError(f"{'' if name == 'it' else f'{name}: '}{twice[0]!r} is listed {value.count(twice[0])} times")
     for place, item in enumerate(value if isinstance(value, list) else [value], 1):
         if one.type in (int, list[int]):
             whole_number(name, item, least=one.least, most=one.most)  # type: ignore[arg-type]
@@ -305,7 +306,7 @@ def check_value(one: Key, name: str, value: Any, owner: Any, band: bool = False)
             where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
             raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
         if one.choices is not None and isinstance(item, str):
-            choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(owner))
+            choice((word or name).removesuffix("s") if isinstance(value, list) else word or name, item, one.choices(owner))
 
 
 def _fits(value: Any, kind: Any) -> bool:

@@ -254,6 +254,8 @@ class Models:
                 if steps:
                     key = "box" if isinstance(steps[-1], fs.ParameterBox) else key_of(steps)
                     found.setdefault(repr(steps), (key, count, steps))
+        if keys.sizes and keys.methods and not found:
+            raise InputError(f"sizes: no model of {max(keys.sizes)} DOF has room for the interface of {len(self.full.interface)}")
         return list(found.values())
 
     def _step(self, entry: Any, row: int, count: int, sized: bool) -> Any:
@@ -268,6 +270,8 @@ class Models:
             return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
+                if count > full.size:
+                    raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
                 count -= len(full.interface)
                 if count < 0:
                     return None

@@ -70,6 +70,11 @@ def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
     if repairs := [line for mesh in models.meshes.values() for line in mesh.repairs]:
         data["repairs"] = repairs
         lines.append(f"mesh: {'; '.join(repairs)}")
+    _ = models.contacts
+    if models.alone and not models.pencil:
+        with scene.faults.at(("reduce",)):
+            models.reductions()
+        scene.faults.check()  # before anything is computed
     contacts = [one.words for one in scene.contacts.values()]  # type: ignore[attr-defined]
     if contacts:
         data["contacts"] = contacts

@@ -27,7 +27,7 @@ class Beam(Part):
 
     beam: float = key(1.0, "its length", unit="length", above=0, required=True, example=1.0)
     material: str = key("", "the name of its material", required=True, example="steel")
-    elements: int = key(20, "equal elements along it", least=1)
+    elements: int = key(20, "equal elements along it", least=1, most=10**7)
     width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given")
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
                         otherwise="I and A are given")

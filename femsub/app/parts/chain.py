@@ -32,7 +32,8 @@ class Chain(Part):
                                        unit="force/length", least=0)
     damping: float = key(0.1, "the dashpot at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass of the port 'belt'", least=1)
-    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is that of the belt", least=1)
+    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is that of the belt", least=1,
+                                             distinct=True)
     ports: dict[str, Any] = field(default_factory=dict)
     fixed: bool = key(True, "whether the first spring is held at its left end")
     cut: int = key(0, "number of pieces, each of which is a part; a mass at a cut belongs to both, half to each", least=0)
