@@ -272,7 +272,7 @@ class Models:
             if sized:
                 if count > full.size:
                     raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
-                count -= len(full.interface)
+                count -= METHODS[entry](0).static_columns(full)
                 if count < 0:
                     return None
             elif count > full.size:
