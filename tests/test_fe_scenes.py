@@ -29,7 +29,7 @@ SMALL = {
              '[reduce]\nmodes = [10, 20]\nrepeats = 1\n',
 }
 NAMES = ["beam", pytest.param("plate", marks=pytest.mark.slow), pytest.param("solid", marks=pytest.mark.slow)]  # as `runs` is
-TABLES = {"modes", "critical", "complex-modes", "complex-modes-unstable", "compare", "springs"}
+TABLES = {"modes", "critical", "complex-modes", "compare", "springs"}
 PICTURES = TABLES | {"complex-modes-shape"}
 
 
@@ -68,10 +68,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
 @pytest.mark.parametrize("name", NAMES)
 def test_files_and_figures(runs: Runs, name: str) -> None:
     folder, _ = runs[name]
-    assert {path.name for path in folder.iterdir()} == {
+    growing = len(json.loads((folder / "results.json").read_text())["complex-modes"]["unstable"])
+    assert min(growing, 2) == {"beam": 2, "plate": 1, "solid": 0}[name]
+    listed = {"complex-modes-unstable.csv"} if growing else set()
+    drawn = {"complex-modes-unstable.png", "complex-modes-unstable.vtu"} if growing > 1 else set()  # beside the shape of one
+    assert {path.name for path in folder.iterdir()} == listed | drawn | {
         "results.json", *(f"{table}.csv" for table in TABLES), "modes.vtu", "complex-modes-shape.vtu",
-        "complex-modes-shape.pvd", "complex-modes-shape", "complex-modes-unstable.vtu",
-        *(f"{picture}.png" for picture in PICTURES)}
+        "complex-modes-shape.pvd", "complex-modes-shape", *(f"{picture}.png" for picture in PICTURES)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
@@ -114,7 +117,8 @@ def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
             assert min(abs(stored - shape).max(), abs(stored + shape).max()) < 1e-6
     held = np.setdiff1d(mesh.numbers, models.full.dofs.nodes) - 1
     assert len(held) and not np.any(found.point_data[next(key for key in found.point_data if key.startswith("mode-01"))][held])
-    real, imaginary = (value for key, value in meshio.read(folder / "complex-modes-shape.vtu").point_data.items() if "-part " in key)
+    data = meshio.read(folder / "complex-modes-shape.vtu").point_data
+    real, imaginary = (value for key, value in data.items() if "-part " in key)
     assert np.linalg.norm(real, axis=1).max() == pytest.approx(1.0, rel=1e-6)
     assert np.any(imaginary)
 
@@ -365,7 +369,7 @@ FREE = asking(FILE.replace("mesh.vtu", "free.vtu").replace('supports = ["left"]\
 
 @pytest.mark.slow
 def test_an_unsupported_solid_drifts_first_and_writes_all_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20"), {})
+    fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (3, 2, 1), "hexahedron20"), {})
     assert main(["run", scene_file(tmp_path, FREE), "-v", "--no-figures", "--out", str(tmp_path / "out")]) == 0
     data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
     full, rom = data["critical"]
