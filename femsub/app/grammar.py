@@ -28,7 +28,7 @@ from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from femsub.app.asks import Ask
+from femsub.app.asks import Ask, check_bounds, parameter_of
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
@@ -275,8 +275,8 @@ class Scene:
             faults.add(("reduce",), "it must be a table, [reduce]")
         self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults, hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
-            if name not in self.parts:
-                faults.add(("reduce", "methods"), unknown_name("part", name, self.parts))
+            if name not in (every := table.get("part", {})):  # which may have faults of their own
+                faults.add(("reduce", "methods"), unknown_name("part", name, every))
 
     def _tables(self, family: str, faults: Faults) -> Iterator[tuple[str, tuple[Any, ...], Mapping[str, Any]]]:
         """The tables of a family with their names and places: [family.NAME], or [[family]] in their order."""
@@ -360,7 +360,8 @@ class Scene:
         """The sets or DOF of the interface that an end names."""
         name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
         if mark == ":":
-            return [int(one) for one in rest.split(",") if one.strip().isdecimal()]
+            numbers = [int(one) for one in rest.split(",") if one.strip().isdecimal()]
+            return numbers if type(self.parts[name]).KIND == "matrices" else []  # elsewhere numbers are masses or places
         if not mark or rest in self.parts[name].port_names:
             return []
         if at == 1 and getattr(joint, "facing", False):
@@ -404,6 +405,11 @@ class Scene:
         lone = {name for ask in self.asks for name in ask.parts_named()}
         self._check_joined(links, lone, faults)
         if not faults.found:
+            for name, given in self.parameters.items():
+                if not given.acts:
+                    with faults.at(("parameter", name)):
+                        parameter_of(self, name)
+                        check_bounds(self, name, [*given.between, *([] if given.value is None else [given.value])])
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)

@@ -257,7 +257,7 @@ def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
             where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
             raise InputError(f"it must {words}, but is {shown(item)}{where_in_list}")
         if one.choices is not None and isinstance(item, str):
-            choice("value" if name == "it" else name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(owner))
+            choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(owner))
 
 
 def _fits(value: Any, kind: Any) -> bool:

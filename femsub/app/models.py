@@ -129,6 +129,8 @@ class Models:
             found = rest if rest in parts[name].ports else self.scene.parts[name].end(rest, None)
             return name, f"m{found}" if type(self.scene.parts[name]).KIND == "chain" and isinstance(found, int) else \
                 f"{found:g}" if isinstance(found, float) else found
+        if not len(parts[name].interface):
+            raise InputError(f"{name!r} has no interface: give it one, or name here where it is joined")
         whole = [one for one, rows in parts[name].sets.items() if len(rows) == len(parts[name].interface_numbers)]
         return name, whole[0] if whole else parts[name].interface.tolist()  # a set is matched by place, a list in its order
 
@@ -285,7 +287,7 @@ class Models:
             if sized:
                 if count > full.size:
                     raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
-                count -= len(full.interface)
+                count -= METHODS[entry](0).static_columns(full)
                 if count < 0:
                     return None
             elif count > full.size:

@@ -37,7 +37,9 @@ def run_all(scene: Scene, progress: Progress) -> Result:
                 failed[name] = error
                 part = Result({}, [f"{name}: failed; {error}"])
             parts.append(part)
-            complete = complete and part.data.get("complete", True)  # False: interrupted within it
+            complete = part.data.get("complete", True)  # False: interrupted within it
+            if not complete:
+                break
     complete = complete and work.complete
     if failed and len(failed) == len(scene.asks):
         raise next(iter(failed.values()))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of, range_of
+from femsub.app.asks import Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError
@@ -39,7 +39,7 @@ class FlutterAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         parameter_of(scene, self.flutter)
-        range_of(scene, self.flutter, self.between)
+        check_factors(scene, self, self.flutter, range_of(scene, self.flutter, self.between))
 
     def run(self, models: Models) -> Result:
         lo, hi = range_of(models.scene, self.flutter, self.between)

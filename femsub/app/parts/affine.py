@@ -70,6 +70,24 @@ class AffinePart(Part):
     def __post_init__(self) -> None:
         _ = self.names  # a factor that is no expression is refused here
 
+    def check_over(self, free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
+        """Refuses a range of a parameter in which a factor has no value somewhere, or in which none changes.
+
+        Raises
+        ------
+        InputError
+            So it is, or another parameter has no value.
+        """
+        for name in self.names:
+            if name != free and name not in values:
+                raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
+        factors = [one for terms in self.factors.values() for one in terms.values()]
+        for one in factors:
+            one.check_over(free, between, values)
+        lines = [one.lines(free, values) for one in factors]
+        if all(line and not line[1] for line in lines):
+            raise InputError(f"no factor changes with {free!r}, which cancels. Change the expression, or name another parameter")
+
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
