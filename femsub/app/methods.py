@@ -66,8 +66,12 @@ class ReduceKeys:
     @property
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
-        return " and ".join(reduction.METHODS[one].label if one in reduction.METHODS else str(one) if isinstance(one, str) else
-                            ", then ".join(map(str, one)) if isinstance(one, list) else "one for each part" for one in self.methods)
+        def label(entry: Any) -> str:
+            if isinstance(entry, str):
+                return reduction.METHODS[entry].label if entry in reduction.METHODS else entry
+            return ", then ".join(map(label, entry)) if isinstance(entry, list) else "one for each part"
+
+        return " and ".join(map(label, self.methods))
 
     def parts_named(self) -> Iterable[str]:
         """The parts that tables of methods name."""
