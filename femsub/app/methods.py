@@ -66,12 +66,12 @@ class ReduceKeys:
     @property
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
-        def label(entry: Any) -> str:
-            if isinstance(entry, str):
-                return reduction.METHODS[entry].label if entry in reduction.METHODS else entry
-            return ", then ".join(map(label, entry)) if isinstance(entry, list) else "one for each part"
+        def said(one: Any) -> str:
+            if isinstance(one, list):
+                return ", then ".join(map(said, one))
+            return (reduction.METHODS[one].label if one in reduction.METHODS else one) if isinstance(one, str) else "one for each part"
 
-        return " and ".join(map(label, self.methods))
+        return " and ".join(map(said, self.methods))
 
     def parts_named(self) -> Iterable[str]:
         """The parts that tables of methods name."""

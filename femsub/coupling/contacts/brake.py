@@ -59,7 +59,9 @@ def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None
     points = contact_points((mesh, name, name), (other, surface, surface), tol)
     assert points.second is not None
     on = points.second.surface
-    nodes = np.unique(on.faces[np.unique(points.second.face)])
+    areas = np.bincount(points.second.face, weights=points.weight)
+    met = np.flatnonzero(areas > POSITION * areas.max())  # not those that share an edge, and a sliver by rounding
+    nodes = np.unique(on.faces[met])
     return node_rows(other, on.numbers[nodes])
 
 
