@@ -41,7 +41,8 @@ class Card(Ask):
         if not which and (at := least_stable(modes)) is not None:
             which = [at]
         cards = fs.mode_cards(known.model, models.at(self.at), modes, which,
-                              full=models.full if not models.alone and known.before else None, parameter=self.parameter)
+                              full=known.before[-1] if not models.alone and known.before and isinstance(
+                                  known.model, fs.ReducedSubstructure) else None, parameter=self.parameter)
         shown: list[Any] = []
         data: list[dict[str, Any]] = []
         for number, card in enumerate(cards, 1):
