@@ -383,20 +383,22 @@ class Scene:
         for name, part in self.parts.items():
             with faults.at(("part", name)):
                 meshes[name] = mesh = self.mesh(name)
+                known = {**mesh.sets, **mesh.groups} if mesh is not None else {}
                 for key_, one in part.sets_named() if mesh is not None else ():
-                    if one not in (known := {**mesh.sets, **mesh.groups}):
+                    if one not in known:
                         faults.add(("part", name, key_), unknown_name("set", one, known))
             for material in self._materials_of(part):
                 if material not in self.materials:
                     faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
         links: list[set[str]] = []
         for family, several in (("joint", self.joints), ("contact", self.contacts)):
-            for name, one in several.items():
-                place = (*self.place(family, name), type(one).KIND)
-                ends = [*(one.ends if isinstance(one, JointKind) else (*one.places, *one.surfaces))]
+            for name, joint in several.items():
+                place = (*self.place(family, name), type(joint).KIND)
+                ports = joint.places if isinstance(joint, ContactKind) else []
+                ends = [*ports, *(joint.surfaces if isinstance(joint, ContactKind) else joint.ends)]
                 for end in ends:
                     with faults.at(place):
-                        self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)
+                        self._check_end(end, meshes, port=end in ports)
                 links.append({self._part_of(end) for end in ends} - {GROUND})
         if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
             faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub scenes`")
@@ -420,9 +422,8 @@ class Scene:
 
     def _check_varied(self, ask: Ask) -> None:
         """Refuses keys that are not there, and values that they cannot have."""
-        for path, values in ask.vary.items():
-            if not values:
-                raise InputError(f"{path!r} has no values")
+        if empty := [path for path, values in ask.vary.items() if not values]:
+            raise InputError(f"{empty[0]!r} has no values")
         for values in product(*ask.vary.values()) if ask.vary else ():
             self.varied(dict(zip(ask.vary, values, strict=True)))
 

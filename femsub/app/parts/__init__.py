@@ -71,6 +71,11 @@ class Part(Kind):
     FAMILY: ClassVar[str] = "part"
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters of its matrices."""
+        return ()
+
+    @property
     def port_names(self) -> list[str]:
         """Its ports."""
         return list(self.ports)
