@@ -21,7 +21,7 @@ MESHES = Path(__file__).parents[1] / "meshes"
 STEEL = {"steel": {"E": 2.1e11, "rho": 7850.0}}
 #: a small scene for each kind of part: [material], [part], band, and where its belt is
 PARTS: dict[str, dict[str, Any]] = {
-    "chain": {"part": {"p": {"chain": 5, "belt": 2, "interface": [1, 4]}}, "band": [0.0, 1.0]},
+    "chain": {"part": {"p": {"chain": 7, "belt": 2, "interface": [1, 4]}}, "band": [0.0, 1.0]},
     "beam": {"material": STEEL, "part": {"p": {
         "beam": 1.0, "material": "steel", "width": 0.02, "height": 0.01, "elements": 6, "left": "clamped",
         "interface": ["right"],
