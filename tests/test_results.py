@@ -26,7 +26,7 @@ from sandbox import HOOK
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.grammar import Scene, built_in
+from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.report import commit, table_csv
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.studies.tables import WIDTH
@@ -49,7 +49,8 @@ SMALL = {
                    'compare = ["growth", "critical", "held"]\nlisted = 20\n',
     "plate-parts": "band = [0.0, 1000.0]\n[part.plate]\nplate = {lengths = [0.4, 0.3], elements = [8, 6]}\ncut = 2\n"
                    '[reduce]\nmodes = [2]\nmethods = ["HCB"]\nrepeats = 1\n',
-    "solid-parts": '[reduce]\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',
+    "solid-parts": text_of("solid-parts").partition("[reduce]")[0].replace("elements =", 'cells = "hexahedron", elements =')
+                   + '[reduce]\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',
     "own-parts": 'band = [0.0, 0.4]\n[part.disc]\nmatrices = {M = "M.npz", K = "model.mat:K"}\ninterface = [19]\nports = {belt = [1]}\n'
                  '[part.pad]\nmatrices = {M = "M.npz", K = "model.mat:K"}\ninterface = [19]\n[[joint]]\nrigid = ["disc", "pad"]\n'
                  '[contact.belt]\nslope = -0.1\n[reduce]\nmethods = ["CC"]\nmodes = [3]\nrepeats = 1\n',

@@ -88,8 +88,11 @@ def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
     """Each ask with the name of its results: of several of one name the later ones have a number."""
     found: list[tuple[str, Ask]] = []
     for ask in asks:
-        same = sum(one.title == ask.title for _, one in found)
-        found.append((f"{ask.title}-{same + 1}" if same else ask.title, ask))
+        taken, name, number = {name for name, _ in found}, ask.title, 1
+        while name in taken:
+            number += 1
+            name = f"{ask.title}-{number}"
+        found.append((name, ask))
     return found
 
 
