@@ -252,7 +252,8 @@ def test_a_kind_of_femsub_is_a_file_in_its_folder(places: Path, tmp_path: Path, 
     (tmp_path / "folder").mkdir()
     (places / "places.py").rename(tmp_path / "folder" / "places.py")
     monkeypatch.setattr(asks, "__path__", [*asks.__path__, str(tmp_path / "folder")])
-    kinds._packaged.cache_clear()
+    clear = kinds._packaged.cache_clear
+    clear()
     file = tmp_path / "my.toml"
     try:
         file.write_text(file.read_text(encoding="utf-8").replace('use = ["places.py"]', ""), encoding="utf-8")
@@ -266,7 +267,7 @@ def test_a_kind_of_femsub_is_a_file_in_its_folder(places: Path, tmp_path: Path, 
     finally:
         sys.modules.pop("femsub.app.asks.places", None)
         monkeypatch.undo()
-        kinds._packaged.cache_clear()
+        clear()
     assert "  places          The critical slope of a chain over the place" in printed["keys"]
     assert "masses under the belt" in printed["keys places"] and "a list of whole numbers at least 1; required" in \
         " ".join(printed["keys places"].split())

@@ -35,6 +35,7 @@ ROOT = Path(__file__).parent.parent
 SCENES = list(built_in())
 #: all tables of scene files by the names that `femsub keys` has for them
 TABLES = explain.TABLES | {f"{family}.{name}": Kinds().kind(family, name) for family in FAMILIES for name in Kinds().names(family)}
+SHAPE = explain._table  # the schema of a table
 #: keys that exclude others
 ALONE = {"parameter": ("material", "mass", "spring", "damper")}
 #: a number, a text, a list, a table and a truth, so that every key refuses one of them
@@ -122,7 +123,7 @@ def test_a_table_with_every_key_is_taken_by_the_checks_and_by_the_schema(name: s
     jsonschema = pytest.importorskip("jsonschema")
     table = whole(name)
     assert not faults_of(TABLES[name], table)
-    assert not list(jsonschema.Draft7Validator(explain._table(TABLES[name])).iter_errors(table))
+    assert not list(jsonschema.Draft7Validator(SHAPE(TABLES[name])).iter_errors(table))
     assert not table or faults_of(TABLES[name], table | {"strange": 1})
 
 
@@ -153,7 +154,7 @@ def test_the_bounds_and_types_of_each_key_are_checked_as_the_schema_says(name: s
     """Of each key the wrong values are refused by both, and what is right beside them by neither."""
     jsonschema = pytest.importorskip("jsonschema")
     kind, table = TABLES[name], whole(name)
-    shape = jsonschema.Draft7Validator(explain._table(kind))
+    shape = jsonschema.Draft7Validator(SHAPE(kind))
     for field, one in keys_of(kind).items():
         spelt = explain.spelt(kind, field)
         if spelt in (others := ALONE.get(name, ())):
@@ -298,7 +299,7 @@ def test_what_is_wrong_in_a_table_is_named_and_the_schema_rejects_it(text: str, 
     table = tomllib.loads(text)
     assert any(words in one for one in faults_of(Whole, table)), faults_of(Whole, table)
     jsonschema = pytest.importorskip("jsonschema")
-    assert not jsonschema.Draft7Validator(explain._table(Whole)).is_valid(table)
+    assert not jsonschema.Draft7Validator(SHAPE(Whole)).is_valid(table)
 
 
 def test_tables_are_listed_and_written_as_they_are_read() -> None:

@@ -137,7 +137,7 @@ def test_a_terminal_without_greek_letters(command: str, tmp_path: Path) -> None:
 
 def test_ctrl_c_while_the_command_is_imported(tmp_path: Path) -> None:
     """An import that is interrupted ends with one line, by each way the command is started."""
-    (tmp_path / "tomllib.py").write_text("import os, signal, time\n"
+    (tmp_path / "argparse.py").write_text("import os, signal, time\n"
                                          "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
                                          "os.kill(os.getpid(), signal.SIGINT); time.sleep(9)\n",
                                          encoding="utf-8")

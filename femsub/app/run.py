@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from femsub.app.asks import Ask
-from femsub.app.grammar import Scene
 from femsub.app.models import Models
 from femsub.app.result import Progress, Result, Shown
 from femsub.checks import Interruptible
 from femsub.errors import FemsubError
 from femsub.studies import Chart, Table
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
 
 
 def run_all(scene: Scene, progress: Progress) -> Result:
