@@ -120,6 +120,15 @@ def test_chain_results_hold_the_paper_s_order_of_methods_for_every_place_of_the_
     assert np.argmax(hcb) == 0 and (cc < hcb).all()
 
 
+def test_growth_of_models_of_several_sizes_stands_apart(tmp_path: Path) -> None:
+    text = QUICK + asked('growth = "slope"\npoints = 4\nvary = {"part.chain.belt" = [1, 2, 3]}')
+    folder, _ = chain(tmp_path, text)
+    panels = json.loads((folder / "results.json").read_text())["growth"]["panels"]
+    assert sorted((one["model"], one["rest"]) for one in panels) == [
+        ("craig-bampton", "2 modes"), ("craig-bampton", "4 modes"), ("craig-chang", "2 modes"), ("craig-chang", "4 modes"), ("full", "")]
+    assert all(np.shape(one["growth"]) == (3, 4) and len(one["critical_slope"]) == 3 for one in panels)
+
+
 def test_each_table_is_a_csv_file_of_its_own(chain_run: tuple[Path, str]) -> None:
     data = json.loads((chain_run[0] / "results.json").read_text())
     listed = {"eigenvalues": data["eigenvalues"]["models"], "eigenvalues-unstable": data["eigenvalues"]["unstable"],

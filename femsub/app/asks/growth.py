@@ -42,10 +42,11 @@ class GrowthAsk(Ask):
         values = np.linspace(lo, hi, self.points) if lo * hi <= 0 else np.sign(lo) * np.geomspace(abs(hi), abs(lo), self.points)
         panels: dict[tuple[str, str], dict[str, Any]] = {}
         first, *others = self.varying
+        several = len(models.scene.reduce.sizes or models.scene.reduce.modes) > 1
         for varied, own in self.variants(models):
             band = own.band_of(self.band)
             for one in own.every:
-                rest = ", ".join(str(varied[name]) for name in others)
+                rest = ", ".join([*(str(varied[name]) for name in others), *[f"{one.modes} modes"] * (several and one.modes > 0)])
                 panel = panels.setdefault((one.kind, rest), {"model": one.kind, "rest": rest, "growth": [], "critical_slope": []})
                 reached = band[1] <= one.model.cutoff  # else its modes above the cut-off would have a say
                 panel["growth"].append(fs.sweep(one.model, own.at({self.growth: 0.0}), self.growth, values, band=band).growth
