@@ -29,25 +29,32 @@ from femsub.studies import Table
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")
 KEYS = (b"scene", b"name", b"chain", b"modes", b"band", b"[[ask]]", b"methods", b"slope", b"M", b"K", b"[part.a]", b"[[joint]]",
-        b"vary", b"units", b"interface", b"ports", b"critical", b"factor", b"true", b"[]", b'""', b'use = ["x.py"]', b'"../../x"', b"1e308",
-        b"[contact.belt]", b"[reduce]", b"[material.steel]", b"[parameter.p]", b'"part.chain.belt"', b"ask")
+        b"vary", b"units", b"interface", b"ports", b"critical", b"factor", b"true", b"[]", b'""', b'use = ["x.py"]',
+        b'"../../x"', b"1e308", b"[contact.belt]", b"[reduce]", b"[material.steel]", b"[parameter.p]", b'"part.chain.belt"', b"ask")
 FAMILIES = ("parts", "joints", "contacts", "materials", "parameters", "asks", "reduce", "settings")
 MATRICES = 'matrices = {{M = "{0}/M.npz", K = "{0}/model.mat:K"}}\n'
 SCENES = {
-    "chain": 'name = "a"\nband = [0.0, 0.8]\nfigures = false\nunits = "SI"\n[part.chain]\nchain = 6\n[contact.belt]\nslope = -0.1\n'
+    "chain": 'name = "a"\nband = [0.0, 0.8]\nfigures = false\nunits = "SI"\n[part.chain]\nchain = 6\n[contact.belt]\n'
+             'slope = -0.1\n'
              '[reduce]\nsizes = [3]\nmethods = ["HCB", "CC"]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n',
-    "matrices": f'band = [0.0, 0.9]\n[part.part]\n{MATRICES}interface = [0, 7]\nports = {{{{belt = [3]}}}}\n[reduce]\nmodes = [3]\n'
+    "matrices": f'band = [0.0, 0.9]\n[part.part]\n{MATRICES}interface = [0, 7]\nports = {{{{belt = [3]}}}}\n[reduce]\n'
+                f'modes = [3]\n'
                 '[[ask]]\nmatrices = "npz"\n',
     "own-parts": f'band = [0.0, 0.4]\n[part.disc]\n{MATRICES}interface = [19]\nports = {{{{belt = [1]}}}}\n[part.pad]\n{MATRICES}'
-                 'interface = [19]\n[[joint]]\nrigid = ["disc", "pad"]\n[contact.belt]\nslope = -0.1\n[reduce]\nmethods = ["CC"]\n'
+                 'interface = [19]\n[[joint]]\nrigid = ["disc", "pad"]\n[contact.belt]\nslope = -0.1\n[reduce]\n'
+                 'methods = ["CC"]\n'
                  'modes = [3]\nrepeats = 1\n[[ask]]\ncompare = ["growth"]\nvary = {{"part.disc.loss" = [0.0, 0.5]}}\n',
-    "affine": '[part.disc]\naffine.M = {{matrix = "{0}/M.npz"}}\naffine.K = [{{matrix = "{0}/model.mat:K", factor = "1 + p**2"}}, '
+    "affine": '[part.disc]\naffine.M = {{matrix = "{0}/M.npz"}}\n'
+              'affine.K = [{{matrix = "{0}/model.mat:K", factor = "1 + p**2"}}, '
               '{{matrix = "{0}/M.npz", factor = "-p / q"}}]\n[parameter.p]\nbetween = [0.0, 3.0]\n[parameter.q]\nvalue = 40.0\n'
               '[[ask]]\nflutter = "p"\npoints = 11\n',
-    "superelements": 'band = [0.0, 1e4]\n[part.in]\nsuperelement = "{0}/arm.pch"\ncutoff = 2e4\n[part.out]\nsuperelement = "{0}/arm.pch"\n'
-                     'cutoff = 2e4\n[[joint]]\nrigid = ["in", "out"]\n[[joint]]\nspring = ["in", "ground"]\nstiffness = 1e7\n[[ask]]\n'
+    "superelements": 'band = [0.0, 1e4]\n[part.in]\nsuperelement = "{0}/arm.pch"\ncutoff = 2e4\n[part.out]\n'
+                     'superelement = "{0}/arm.pch"\n'
+                     'cutoff = 2e4\n[[joint]]\nrigid = ["in", "out"]\n[[joint]]\nspring = ["in", "ground"]\nstiffness = 1e7\n'
+                     '[[ask]]\n'
                      'modes = "band"\nreference = [3000.0]\n',
-    "brake": 'band = [1e4, 1.2e4]\n[material.iron]\nE = 1.1e11\nnu = 0.26\nrho = 7200.0\n[part.disc]\nsolid = {{brake = "disc", size = 0.08}}\n'
+    "brake": 'band = [1e4, 1.2e4]\n[material.iron]\nE = 1.1e11\nnu = 0.26\nrho = 7200.0\n[part.disc]\n'
+             'solid = {{brake = "disc", size = 0.08}}\n'
              '[reduce]\nmodes = [8]\n[[ask]]\ncomplex-modes = "full"\nat = {{mu = 0.5}}\nname = "unstable"\n',
 }
 
@@ -145,8 +152,10 @@ def subjects(folder: Path) -> list[Subject]:
         out, path = folder / f"out-{name}", folder / f"{scene}.toml"
         if scene is None:
             path = folder / "beam.toml"
-            path.write_text('scene = "beam"\npage = true\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\nrepeats = 1\n[[ask]]\n'
-                            'complex-modes = "all"\n[[ask]]\ncritical = "slope"\n[[ask]]\ncompare = ["growth", "critical", "held"]\n')
+            path.write_text('scene = "beam"\npage = true\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\nrepeats = 1\n'
+                            '[[ask]]\n'
+                            'complex-modes = "all"\n[[ask]]\ncritical = "slope"\n[[ask]]\n'
+                            'compare = ["growth", "critical", "held"]\n')
         assert main(["run", "-q", str(path), "--out", str(out), "--no-figures"]) == 0
         (out / "scene.toml").write_bytes(path.read_bytes())
         made.append(Subject(f"show-{name}", out, "fuzz_runs:show_results", strict=free))

@@ -203,13 +203,16 @@ def test_its_run_has_a_page(places: Path) -> None:
 
 
 @pytest.mark.parametrize(("file", "old", "new", "reason"), [
-    ("my.toml", "places = [1,", "plases = [1,", "line 11: ask 1: unknown kind of ask: none of its keys names one, as 'plases'; did you "
+    ("my.toml", "places = [1,", "plases = [1,", "line 11: ask 1: unknown kind of ask: none of its keys names one, as 'plases'; "
+                                                "did you "
                                                 "mean 'places'"),
     ("my.toml", "places = [1,", "places = [0,", "line 12: ask 1.places: it must be at least 1, but is 0"),
     ("my.toml", "places = [1,", "every = true\nplaces = [1,", "line 12: ask 1.every: unknown key 'every'"),
     ("rod.toml", "bar = 0.7", "bar = -0.7", "line 8: part.rod.bar: it must be positive"),
-    ("rod.toml", "bar = 0.7", "bar = 0.7\nelemants = 3", "line 9: part.rod.elemants: unknown key 'elemants'; did you mean 'elements'"),
-    ("rod.toml", "bar = 0.7", "bar = 0.7\nports = {a = 3}", "part.rod.ports: there is no such key here: a bar has one port, 'belt'"),
+    ("rod.toml", "bar = 0.7", "bar = 0.7\nelemants = 3", "line 9: part.rod.elemants: unknown key 'elemants'; did you mean "
+                                                         "'elements'"),
+    ("rod.toml", "bar = 0.7", "bar = 0.7\nports = {a = 3}", "part.rod.ports: there is no such key here: a bar has one port, "
+                                                            "'belt'"),
     ("rod.toml", "bar = 0.7", "", "part.rod: unknown kind of part"),
     ("rod.toml", "[[ask]]", "[contact.rub]\nbelt = 'rod.bolt'\n[[ask]]", "unknown port of 'rod' 'bolt'; did you mean 'belt'")])
 def test_its_keys_are_checked(places: Path, file: str, old: str, new: str, reason: str) -> None:

@@ -104,7 +104,8 @@ def test_nothing_is_written_through_a_link(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "victim").mkdir()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "complex-modes-shape").symlink_to("../victim")
-    (tmp_path / "beam.toml").write_text('scene = "beam"\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\n[[ask]]\ncomplex-modes = "all"\n')
+    (tmp_path / "beam.toml").write_text('scene = "beam"\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\n[[ask]]\n'
+                                        'complex-modes = "all"\n')
     failed_in_one_line(["run", "-q", str(tmp_path / "beam.toml"), "--out", str(tmp_path / "out")], capsys,
                        "complex-modes-shape is a link to another folder")
     assert not list((tmp_path / "victim").iterdir()) and [path.name for path in (tmp_path / "out").iterdir()] == [
@@ -229,7 +230,8 @@ def test_asks_of_one_name_have_numbers(tmp_path: Path) -> None:
     {"date": 1}, {"files": [1]}, {"files": [{}]}, {"inputs": {"scene": ["chain"]}}, {"inputs": {"scene": "chain", "units": []}},
     {"inputs": {"scene": "chain", "ask": 5}}, {"inputs": {"part": [3], "use": [3]}}, {"inputs": {"part": {"a": 3}, "ask": [3]}},
     {"inputs": {"scene": "chain", "contact": 3, "reduce": [], "joint": {"a": []}}}, {"critical": 3}, {"critical": {"rows": [3]}},
-    {"scene": {}}, {"compare": {"rows": 1, "recommended": [1]}}, {"recommended": {"model": 1}}, {"complex-modes": [{"model": "full"}]},
+    {"scene": {}}, {"compare": {"rows": 1, "recommended": [1]}}, {"recommended": {"model": 1}},
+    {"complex-modes": [{"model": "full"}]},
     {"models": [{}]}, {"cycles": [{"omega": None}]}, {"critical-value": [1]}, {"scene": "\ud800"}, {"spectrum": [[]]}])
 def test_damaged_results_are_shown_or_refused_in_one_line(entries: dict[str, Any], out: Path,
                                                           capsys: pytest.CaptureFixture[str]) -> None:

@@ -407,7 +407,8 @@ def test_no_two_classes_have_one_name() -> None:
     assert not {name for name, count in names.items() if count > 1}
 
 
-@pytest.mark.parametrize(("family", "ending"), [("part", "Part"), ("joint", "JointKind"), ("contact", "ContactKind"), ("ask", "Ask")])
+@pytest.mark.parametrize(("family", "ending"), [("part", "Part"), ("joint", "JointKind"), ("contact", "ContactKind"),
+                                                ("ask", "Ask")])
 def test_a_kind_is_a_file_whose_class_has_its_name_and_that_of_its_family(family: str, ending: str) -> None:
     for path in (PACKAGE / "app" / f"{family}s").glob("[!_]*.py"):
         made = "".join(map(str.capitalize, path.stem.split("_"))) + ending

@@ -96,7 +96,8 @@ def test_the_command_line_prints_no_escapes(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "b.toml").write_text('scene = "chain"\n"a\\u001b[31m" = 1\n', encoding="utf-8")
     assert cli.main(["run", str(tmp_path / "b.toml")]) == 2
     assert "\x1b" not in capsys.readouterr().err
-    for text in ('[part."a\\u001b[31m"]\nchain = 3\n', '[[ask]]\nmodes = 3\nname = "a\\u001b[31m"\n', '[[ask]]\nmodes = 3\nnote = "\\u001b[31m"\n',
+    for text in ('[part."a\\u001b[31m"]\nchain = 3\n', '[[ask]]\nmodes = 3\nname = "a\\u001b[31m"\n', '[[ask]]\nmodes = 3\n'
+                                                                                                      'note = "\\u001b[31m"\n',
                  '[contact.belt]\nbelt = "chain.\\u001b[31m"\n', '[[ask]]\ncritical = "\\u001b[31m"\n'):
         (tmp_path / "c.toml").write_text(f'scene = "chain"\n{text}', encoding="utf-8")
         assert cli.main(["run", str(tmp_path / "c.toml")]) == 2, text

@@ -190,7 +190,8 @@ def test_a_model_whose_index_was_changed_is_refused(tmp_path: Path) -> None:
 def test_results_that_were_changed_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("plotly")
     scene, out = tmp_path / "chain.toml", tmp_path / "out"
-    scene.write_text('scene = "chain"\n[part.chain]\nchain = 6\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n')
+    scene.write_text('scene = "chain"\n[part.chain]\nchain = 6\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\n'
+                     'critical = "slope"\n')
     assert main(["run", "-q", str(scene), "--out", str(out), "--no-figures"]) == 0 == main(["show", str(out)])
     assert "another content" not in capsys.readouterr().err
     known = json.loads((out / "results.json").read_text())

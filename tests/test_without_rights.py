@@ -78,7 +78,8 @@ def test_the_commands_say_in_one_line_what_they_may_not_read_or_write(folder: Pa
     (folder / "open.toml").write_text(scene, encoding="utf-8")
     (folder / "mine.toml").write_text(scene, encoding="utf-8")
     (folder / "own.py").write_text("", encoding="utf-8")
-    (folder / "names.toml").write_text('scene = "matrices"\n[part.part]\nmatrices = {M = "M.mtx", K = "M.mtx"}\n', encoding="utf-8")
+    (folder / "names.toml").write_text('scene = "matrices"\n[part.part]\nmatrices = {M = "M.mtx", K = "M.mtx"}\n',
+                                       encoding="utf-8")
     (folder / "uses.toml").write_text(f'use = ["own.py"]\n{scene}', encoding="utf-8")
     (folder / "M.mtx").write_text("", encoding="utf-8")
     for name in ("results", "closed"):

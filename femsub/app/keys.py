@@ -250,7 +250,8 @@ def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
     if one.form in RANGES and isinstance(value, list):
         interval("it", value)
     if one.in_hertz and isinstance(value, list) and value[1] > HIGHEST:
-        raise InputError(f"it must end below {HIGHEST:.3g}, so that the cubes of its frequencies are finite, but is {shown(value)}")
+        raise InputError(f"it must end below {HIGHEST:.3g}, so that the cubes of its frequencies are finite, but is "
+                         f"{shown(value)}")
     if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
         raise InputError(f"{twice[0]!r} is listed {value.count(twice[0])} times")
     for place, item in enumerate(value if isinstance(value, list) else [value], 1):
