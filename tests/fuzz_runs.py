@@ -8,7 +8,6 @@ import shutil
 import tempfile
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,66 +18,84 @@ from fuzzing import Subject
 
 import femsub as fs
 from femsub.app.cli import main
+from femsub.app.grammar import Scene
 from femsub.app.moving import MODE_FILE, read_mode
 from femsub.app.page import show
 from femsub.app.record import Record
 from femsub.app.report import output_folder
-from femsub.app.scene import Result, load
+from femsub.app.result import Result
 from femsub.errors import FemsubError
 from femsub.studies import Table
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")
-KEYS = (b"scene", b"name", b"n", b"modes", b"band", b"outputs", b"methods", b"slope", b"M", b"K", b"[[parts]]", b"[[joints]]",
-        b"mesh", b"units", b"interface", b"port", b"file", b"factor", b"true", b"[]", b'""', b'"x.py"', b'"../../x"', b"1e308")
+KEYS = (b"scene", b"name", b"chain", b"modes", b"band", b"[[ask]]", b"methods", b"slope", b"M", b"K", b"[part.a]", b"[[joint]]",
+        b"vary", b"units", b"interface", b"ports", b"critical", b"factor", b"true", b"[]", b'""', b'use = ["x.py"]',
+        b'"../../x"', b"1e308", b"[contact.belt]", b"[reduce]", b"[material.steel]", b"[parameter.p]", b'"part.chain.belt"', b"ask")
+FAMILIES = ("parts", "joints", "contacts", "materials", "parameters", "asks", "reduce", "settings")
+MATRICES = 'matrices = {{M = "{0}/M.npz", K = "{0}/model.mat:K"}}\n'
 SCENES = {
-    "chain": 'name = "a"\nn = 6\nbelts = [2]\nsizes = [3]\nslope = -0.1\nband = [0.0, 0.8]\nmethods = ["HCB", "CC"]\n'
-             'outputs = ["critical-slope"]\nfigures = false\nrepeats = 1\nunits = "SI"\n',
-    "matrices": 'M = "{0}/M.npz"\nK = "{0}/model.mat:K"\ninterface = [0, 7]\nport = 3\nmodes = [3]\nband = [0.0, 0.9]\n'
-                'outputs = ["reduced-matrices"]\nformat = "npz"\n',
-    "own-parts": 'methods = ["CC"]\nmodes = [3]\nband = [0.0, 0.4]\nslope = -0.1\nrepeats = 1\n[[parts]]\nname = "a"\n'
-                 'M = "{0}/M.npz"\nK = "{0}/model.mat:K"\ninterface = [19]\nport = 1\n[[parts]]\nname = "b"\nM = "{0}/M.npz"\n'
-                 'K = "{0}/model.mat:K"\ninterface = [19]\n[[joints]]\nbetween = ["a", "b"]\n',
-    "affine": 'between = [0.0, 3.0]\npoints = 11\nM = {{file = "{0}/M.npz"}}\nK = [{{file = "{0}/model.mat:K", '
-              'factor = "1 + p**2"}}, {{file = "{0}/M.npz", factor = "-p / q"}}]\nfixed = {{name = "q", value = 40.0}}\n',
-    "superelements": 'band = [0.0, 1e4]\nreference = [3000.0]\n[[parts]]\nname = "a"\nfile = "{0}/arm.pch"\ncutoff = 2e4\n'
-                     '[[joints]]\nkind = "spring"\nbetween = ["a", "ground"]\nstiffness = 1e7\n',
-    "brake": 'size = 0.08\nfull = [0.5]\nband = [1e4, 1.2e4]\nE = [1.1e11, 8e9, 2.1e11]\nnu = [0.26, 0.3, 0.3]\n'
-             'rho = [7200.0, 2600.0, 7850.0]\nmodes = [8]\noutputs = ["unstable"]\n',
+    "chain": 'name = "a"\nband = [0.0, 0.8]\nfigures = false\nunits = "SI"\n[part.chain]\nchain = 6\n[contact.belt]\n'
+             'slope = -0.1\n'
+             '[reduce]\nsizes = [3]\nmethods = ["HCB", "CC"]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n',
+    "matrices": f'band = [0.0, 0.9]\n[part.part]\n{MATRICES}interface = [0, 7]\nports = {{{{belt = [3]}}}}\n[reduce]\n'
+                f'modes = [3]\n'
+                '[[ask]]\nmatrices = "npz"\n',
+    "own-parts": f'band = [0.0, 0.4]\n[part.disc]\n{MATRICES}interface = [19]\nports = {{{{belt = [1]}}}}\n[part.pad]\n{MATRICES}'
+                 'interface = [19]\n[[joint]]\nrigid = ["disc", "pad"]\n[contact.belt]\nslope = -0.1\n[reduce]\n'
+                 'methods = ["CC"]\n'
+                 'modes = [3]\nrepeats = 1\n[[ask]]\ncompare = ["growth"]\nvary = {{"part.disc.loss" = [0.0, 0.5]}}\n',
+    "affine": '[part.disc]\naffine.M = {{matrix = "{0}/M.npz"}}\n'
+              'affine.K = [{{matrix = "{0}/model.mat:K", factor = "1 + p**2"}}, '
+              '{{matrix = "{0}/M.npz", factor = "-p / q"}}]\n[parameter.p]\nbetween = [0.0, 3.0]\n[parameter.q]\nvalue = 40.0\n'
+              '[[ask]]\nflutter = "p"\npoints = 11\n',
+    "superelements": 'band = [0.0, 1e4]\n[part.in]\nsuperelement = "{0}/arm.pch"\ncutoff = 2e4\n[part.out]\n'
+                     'superelement = "{0}/arm.pch"\n'
+                     'cutoff = 2e4\n[[joint]]\nrigid = ["in", "out"]\n[[joint]]\nspring = ["in", "ground"]\nstiffness = 1e7\n'
+                     '[[ask]]\n'
+                     'modes = "band"\nreference = [3000.0]\n',
+    "brake": 'band = [1e4, 1.2e4]\n[material.iron]\nE = 1.1e11\nnu = 0.26\nrho = 7200.0\n[part.disc]\n'
+             'solid = {{brake = "disc", size = 0.08}}\n'
+             '[reduce]\nmodes = [8]\n[[ask]]\ncomplex-modes = "full"\nat = {{mu = 0.5}}\nname = "unstable"\n',
 }
 
 
 def read_scene(path: Path) -> Any:
     """A scene file or a results.json."""
-    scene, _ = load(str(path / "results.json" if path.is_dir() else path))
-    return {key: repr(value).replace(str(path), "") for key, value in asdict(scene).items() if key != "folder"}
+    scene = Scene.from_file(path / "results.json" if path.is_dir() else path)
+    return {family: repr(getattr(scene, family)).replace(str(path), "") for family in FAMILIES}
 
 
 def run_scene(path: Path) -> Any:
     """A scene file of the chain, if it asks for what is quick to compute."""
-    scene, run = load(str(path))
-    if getattr(scene, "n", 99) > 20 or scene.repeats > 9 or scene.outputs != ["critical-slope"]:
+    scene = Scene.from_file(path)
+    part, asks = next(iter(scene.parts.values()), None), [(ask.KIND, ask.vary) for ask in scene.asks]
+    if getattr(part, "chain", 99) > 20 or scene.reduce.repeats > 9 or asks != [("critical", {})]:
         return "large"
-    return sorted(run(scene, lambda _: None).data)
+    return sorted(scene.run(lambda _: None).data)
 
 
 def honest_scene(path: Path) -> Any:
-    """The content, if all that the text says by TOML is in it; the scenes' own rules are for names of methods and outputs."""
+    """The content, if all that the text says by TOML is in it: its numbers, and its texts but for the names of methods."""
     try:
         table, content = tomllib.loads(path.read_text(encoding="utf-8")), read_scene(path)
     except (FemsubError, ValueError, RecursionError):
         return None
-    for key, value in table.items():
-        if key not in ("scene", "methods", "outputs", "law", "name") and not isinstance(value, dict) and not (
-                isinstance(value, list) and any(isinstance(one, (dict, str)) for one in value)):
-            found = eval(content[key], {"inf": float("inf"), "nan": float("nan")})
-            if found != value and found != [value] and repr(found) != repr(value):
-                return None
-    # in tables, each number stands among those of the content
-    tables = {key: value for key, value in table.items() if key not in ("methods", "outputs")}
-    known = NUMBERS.findall(repr(content))
-    if any(value not in map(float, known) for value in reals(tables)):
+    whole = repr(content)
+    known = set(map(float, NUMBERS.findall(whole)))
+    if any(value not in known for value in reals(table)):
         return None
-    return content
+    told = {key: {name: one for name, one in value.items() if name != "methods"} if key == "reduce" else value
+            for key, value in table.items() if key != "scene"}
+    return content if all(repr(value)[1:-1] in whole for value in texts(told)) else None
+
+
+def texts(value: Any) -> Iterator[str]:
+    """The texts in nested tables and lists."""
+    if isinstance(value, (dict, list)):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from texts(part)
+    elif isinstance(value, str):
+        yield value
 
 
 def reals(value: Any) -> Iterator[float]:
@@ -107,7 +124,7 @@ def write_results(path: Path) -> Any:
     """As a run of the same scene, whose file is there, writes into a copy of the folder."""
     with tempfile.TemporaryDirectory() as place:
         copy = shutil.copytree(path, Path(place) / "out")
-        scene, _ = load(str(copy / "scene.toml"))
+        scene = Scene.from_file(copy / "scene.toml")
         with output_folder(str(copy)) as folder:
             assert folder is not None
             Record(scene, folder).write(Result({}, [Table("table", [{"a": 1}])]))
@@ -135,8 +152,10 @@ def subjects(folder: Path) -> list[Subject]:
         out, path = folder / f"out-{name}", folder / f"{scene}.toml"
         if scene is None:
             path = folder / "beam.toml"
-            path.write_text('scene = "beam"\nelements = 20\nmodes = [8]\nrepeats = 1\noutputs = ["eigenvalues", '
-                            '"critical-slope", "error-time", "page"]\n')
+            path.write_text('scene = "beam"\npage = true\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\nrepeats = 1\n'
+                            '[[ask]]\n'
+                            'complex-modes = "all"\n[[ask]]\ncritical = "slope"\n[[ask]]\n'
+                            'compare = ["growth", "critical", "held"]\n')
         assert main(["run", "-q", str(path), "--out", str(out), "--no-figures"]) == 0
         (out / "scene.toml").write_bytes(path.read_bytes())
         made.append(Subject(f"show-{name}", out, "fuzz_runs:show_results", strict=free))

@@ -27,8 +27,8 @@ from fuzzing import fingerprint
 import femsub as fs
 from femsub.app.cli import main
 
-SCENE = ('scene = "matrices"\nM = "M.mtx"\nK = "K.mtx"\ninterface = [0, 7]\nport = 3\nmodes = [3]\nband = [0.0, 0.9]\n'
-         'outputs = ["reduced-matrices"]\nformat = "{}"\n')
+SCENE = ('scene = "matrices"\nband = [0.0, 0.9]\n[part.part]\nmatrices = {{M = "M.mtx", K = "K.mtx"}}\ninterface = [0, 7]\n'
+         'ports = {{belt = [3]}}\n[reduce]\nmodes = [3]\n[[ask]]\nmatrices = "{}"\n')
 
 
 def models(count: int) -> list[fs.Substructure]:

@@ -13,7 +13,7 @@ from extendpages import PAGES, blocks_of, lines_of, names_of
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.scene import load
+from femsub.app.grammar import Scene
 from femsub.coupling.contacts.belt import LAWS
 from femsub.reduction.method import METHODS
 
@@ -31,7 +31,7 @@ def registries(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("page", ["component", "law", "method", "contact", "scene"])
 def test_each_takes_less_than_30_lines(page: str) -> None:
-    assert lines_of(blocks_of(page)[0]) < 30
+    assert lines_of(blocks_of(page)[0]) < 30 and (page != "scene" or lines_of(blocks_of(page)[1]) < 30)
 
 
 def test_the_bar_has_the_frequencies_of_a_bar() -> None:
@@ -69,15 +69,15 @@ def test_the_chain_loses_its_stability_where_the_law_has_the_critical_slope() ->
 def test_scene_files_know_the_law(tmp_path: Path) -> None:
     first, *_, last = blocks_of("law")
     (tmp_path / "rational.py").write_text(first + last, encoding="utf-8")
-    (tmp_path / "my.toml").write_text('scene = "rational.py"\nlaw = "rational"\neps = 0.02\noutputs = ["eigenvalues"]\n'
-                                      'n = 5\nsizes = [3]\nbelts = [2]\n')
+    (tmp_path / "my.toml").write_text('use = ["rational.py"]\nscene = "chain"\n[part.chain]\nchain = 5\n[contact.belt]\n'
+                                      'law = "rational"\neps = 0.02\n[reduce]\nsizes = [3]\n[[ask]]\ncomplex-modes = "all"\n')
     assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
     told = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert told["law"] == "rational" and told["inputs"]["scene"] == "../rational.py"
+    assert ", rational, ε = 0.02" in told["contacts"][0] and told["inputs"]["use"] == ["../rational.py"]
     LAWS.pop("rational")
     again = ["run", str(tmp_path / "out" / "results.json"), "--trust", str(tmp_path / "rational.py")]
     assert main([*again, "--out", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "results.json").read_text())["slope"] == told["slope"]
+    assert json.loads((tmp_path / "out" / "results.json").read_text())["contacts"] == told["contacts"]
 
 
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
@@ -98,10 +98,9 @@ def test_the_method_with_all_modes_is_the_full_model(fixed: bool) -> None:
 
 
 def test_scene_files_know_the_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    own = 'from femsub.app.scene import scene_of\nSCENE, run = scene_of("chain")\n'
-    (tmp_path / "second.py").write_text(blocks_of("method")[0] + own, encoding="utf-8")
-    (tmp_path / "my.toml").write_text('scene = "second.py"\nmethods = ["craig-chang", "second-order"]\n'
-                                      'outputs = ["eigenvalues"]\nn = 8\nsizes = [5]\nbelts = [2]\n')
+    (tmp_path / "second.py").write_text(blocks_of("method")[0], encoding="utf-8")
+    (tmp_path / "my.toml").write_text('use = ["second.py"]\nscene = "chain"\n[part.chain]\nchain = 8\n[reduce]\nsizes = [5]\n'
+                                      'methods = ["craig-chang", "second-order"]\n[[ask]]\ncomplex-modes = "all"\n')
     assert main(["run", str(tmp_path / "my.toml"), "--no-figures"]) == 0
     assert "Second order" in capsys.readouterr().out
 
@@ -136,10 +135,12 @@ def test_the_contact_in_motion_has_its_own_tangents() -> None:
 
 @pytest.fixture
 def places(tmp_path: Path) -> Path:
-    """A folder with the files of the page on scenes."""
+    """A folder with the files of the page on kinds."""
     (tmp_path / "places.py").write_text(blocks_of("scene")[0], encoding="utf-8")
+    (tmp_path / "bar.py").write_text(blocks_of("scene")[1], encoding="utf-8")
+    (tmp_path / "rod.toml").write_text(blocks_of("scene", "toml")[0], encoding="utf-8")
     text = blocks_of("scene", "text")[0]
-    (tmp_path / "my.toml").write_text(text[text.index("scene ="):text.index("$ femsub run my.toml")], encoding="utf-8")
+    (tmp_path / "my.toml").write_text(text[text.index("use ="):text.index("$ femsub run my.toml")], encoding="utf-8")
     return tmp_path
 
 
@@ -147,15 +148,15 @@ def femsub(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "femsub", *words], cwd=folder, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.slow
-def test_a_scene_is_run_by_the_command(places: Path) -> None:
+def test_an_ask_of_ones_own_is_run_by_the_command(places: Path) -> None:
     done = femsub(places, "run", "my.toml", "--out", "out")
     shown = blocks_of("scene", "text")[0].split("--out out\n")[1]
     assert done.returncode == 0 and done.stdout.split("\nwritten")[0].split() == shown.split(), done.stderr
     told = json.loads((places / "out" / "results.json").read_text())
     rows = {(row["belt"], row["model"]): row["slope"] for row in told["places"]}
-    assert rows[2, "full"] == pytest.approx(fs.critical_slope(fs.chain(4, belt=2)).value, rel=1e-9)
-    assert told["inputs"] | {"scene": "../places.py", "n": 4, "modes": 1} == told["inputs"]
+    for mass in (1, 2, 3, 4):
+        assert rows[mass, "full"] == pytest.approx(fs.critical_slope(fs.chain(4, belt=mass)).value, rel=1e-9)
+    assert told["inputs"]["use"] == ["../places.py"] and told["inputs"]["ask"] == [{"places": [1, 2, 3, 4]}]
     assert [file["path"] for file in told["files"]] == ["../places.py"]
     assert {path.name for path in (places / "out").iterdir()} == {"results.json", "places.csv"}
     refused = femsub(places, "run", "out/results.json")
@@ -167,52 +168,78 @@ def test_a_scene_is_run_by_the_command(places: Path) -> None:
     assert changed.returncode == 2 and "has changed since the run" in changed.stderr
 
 
+def test_a_part_of_ones_own_has_the_frequencies_of_its_masses_and_springs(places: Path) -> None:
+    scene = Scene.from_file(places / "rod.toml")
+    k, c = np.arange(1, 4), np.sqrt(2.1e11 / 7850.0)
+    exact = 2 * c * 20 / 0.7 * np.sin((2 * k - 1) * np.pi / 80)  # of 20 lumped masses, held and free
+    assert fs.normal_modes(scene.models.full, count=3).frequencies == pytest.approx(exact, rel=1e-9)
+    assert main(["run", str(places / "rod.toml"), "--no-figures", "--out", str(places / "out")]) == 0
+    told = json.loads((places / "out" / "results.json").read_text())
+    assert [row["omega"] for row in told["modes"]["rows"]][:3] == pytest.approx(exact, rel=1e-9)
+
+
+def test_a_part_and_an_ask_of_ones_own_stand_with_those_of_femsub(places: Path) -> None:
+    text = (places / "rod.toml").read_text(encoding="utf-8").replace('use = ["bar.py"]', 'use = ["bar.py", "places.py"]')
+    text = text.replace("[[ask]]\nmodes = 3", '[contact.rub]\nbelt = "rod.belt"\n[reduce]\nmethods = ["CC"]\nmodes = [4]\n'
+                                              '[[ask]]\ncritical = "slope"\nvary = {"part.rod.elements" = [10, 20]}\n')
+    (places / "both.toml").write_text(text, encoding="utf-8")
+    scene = Scene.from_file(places / "both.toml")
+    assert main(["run", "-q", str(places / "both.toml"), "--no-figures", "--out", str(places / "out")]) == 0
+    rows = json.loads((places / "out" / "results.json").read_text())["critical"]
+    assert [row["elements"] for row in rows] == [10, 10, 20, 20] and {row["size"] for row in rows} == {10, 20, 5}
+    assert scene.kinds.names("part").count("bar") == scene.kinds.names("ask").count("places") == 1
+
+
 def test_its_run_has_a_page(places: Path) -> None:
     pytest.importorskip("plotly", reason="the page of a run needs plotly")
     text = (places / "my.toml").read_text(encoding="utf-8")
-    (places / "my.toml").write_text(text + 'outputs = ["places", "page"]\n', encoding="utf-8")
+    (places / "my.toml").write_text(f"page = true\n{text}", encoding="utf-8")
     assert main(["run", str(places / "my.toml"), "--out", str(places / "out")]) == 0
-    made = places / "out" / "report.html"
-    first = made.read_text(encoding="utf-8")
+    page = places / "out" / "report.html"
+    first = page.read_text(encoding="utf-8")
     assert "-0.0283" in first and "places.py" in first
-    made.unlink()
-    assert main(["show", str(places / "out")]) == 0 and "-0.0283" in made.read_text(encoding="utf-8")
+    page.unlink()
+    assert main(["show", str(places / "out")]) == 0 and "-0.0283" in page.read_text(encoding="utf-8")
 
 
-def test_its_keys_are_listed_begun_and_checked(places: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = str(places / "places.py")
-    assert main(["keys", source]) == 0
-    told = capsys.readouterr().out
-    assert "number of masses" in told and "a whole number at least 2 and at most 1,000" in told
-    assert main(["new", source]) == 0
-    begun = capsys.readouterr().out
-    assert '#name = "places"' in begun
-    (places / "new.toml").write_text(begun, encoding="utf-8")
-    assert load(str(places / "new.toml"))[0].modes == 4  # type: ignore[attr-defined]
-    assert main(["schema", source]) == 0
-    assert json.loads(capsys.readouterr().out)["properties"]["n"]["minimum"] == 2
-    for line, reason in (("modess = 3", "did you mean 'modes'"), ("n = 1", "at least 2")):
-        (places / "wrong.toml").write_text(f'scene = "places.py"\n{line}\n', encoding="utf-8")
-        with pytest.raises(fs.InputError, match=reason):
-            load(str(places / "wrong.toml"))
-
-
-def test_its_results_are_not_those_of_another(places: Path) -> None:
-    assert main(["run", str(places / "my.toml"), "--out", str(places / "out")]) == 0
-    (places / "others.py").write_text(blocks_of("scene")[0], encoding="utf-8")
-    assert main(["run", str(places / "others.py"), "--out", str(places / "out")]) == 2
+@pytest.mark.parametrize(("file", "old", "new", "reason"), [
+    ("my.toml", "places = [1,", "plases = [1,", "line 11: ask 1: unknown kind of ask: none of its keys names one, as 'plases'; "
+                                                "did you "
+                                                "mean 'places'"),
+    ("my.toml", "places = [1,", "places = [0,", "line 12: ask 1.places: it must be at least 1, but is 0"),
+    ("my.toml", "places = [1,", "every = true\nplaces = [1,", "line 12: ask 1.every: unknown key 'every'"),
+    ("rod.toml", "bar = 0.7", "bar = -0.7", "line 8: part.rod.bar: it must be positive"),
+    ("rod.toml", "bar = 0.7", "bar = 0.7\nelemants = 3", "line 9: part.rod.elemants: unknown key 'elemants'; did you mean "
+                                                         "'elements'"),
+    ("rod.toml", "bar = 0.7", "bar = 0.7\nports = {a = 3}", "part.rod.ports: there is no such key here: a bar has one port, "
+                                                            "'belt'"),
+    ("rod.toml", "bar = 0.7", "", "part.rod: unknown kind of part"),
+    ("rod.toml", "[[ask]]", "[contact.rub]\nbelt = 'rod.bolt'\n[[ask]]", "unknown port of 'rod' 'bolt'; did you mean 'belt'")])
+def test_its_keys_are_checked(places: Path, file: str, old: str, new: str, reason: str) -> None:
+    text = (places / file).read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    (places / file).write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(fs.InputError) as caught:
+        Scene.from_file(places / file)
+    assert reason in str(caught.value)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
-    ("x = 1", "is no scene: it needs SCENE"), ("SCENE = 3\nrun = print", "is no scene"),
-    ("SCENE = int\nrun = print", "is no scene"), ("x = ", "SyntaxError"),
-    ("1 / 0", "ZeroDivisionError"), ("import nothing_like_it", "No module named")])
-def test_what_is_no_scene_is_told(text: str, reason: str, tmp_path: Path) -> None:
+    ("x = ", "SyntaxError"), ("1 / 0", "ZeroDivisionError"), ("import nothing_like_it", "No module named")])
+def test_a_file_that_cannot_be_read_is_told(text: str, reason: str, tmp_path: Path) -> None:
     (tmp_path / "wrong.py").write_text(text)
-    with pytest.raises(fs.InputError, match=reason):
-        load(str(tmp_path / "wrong.py"))
-    with pytest.raises(fs.InputError, match="there is no scene file"):
-        load(str(tmp_path / "absent.py"))
+    for name, said in (("wrong.py", reason), ("absent.py", "there is no file")):
+        (tmp_path / "my.toml").write_text(f'use = ["{name}"]\nscene = "chain"\n')
+        with pytest.raises(fs.InputError, match=f"line 1: use: .*{said}"):
+            Scene.from_file(tmp_path / "my.toml")
+
+
+def test_a_file_is_run_once_for_all_variants_of_a_scene(places: Path) -> None:
+    """Else its kinds were other classes in each of them, and what it enters in a list was there already."""
+    with (places / "places.py").open("a", encoding="utf-8") as file:
+        file.write('\nwith open(__file__ + ".log", "a") as log: log.write("run\\n")\n')
+    assert main(["run", "-q", str(places / "my.toml")]) == 0
+    assert (places / "places.py.log").read_text() == "run\n"
 
 
 def test_every_page_is_listed() -> None:
@@ -220,38 +247,34 @@ def test_every_page_is_listed() -> None:
     assert all(f"({page.name})" in listed for page in PAGES.glob("*.md") if page.stem != "index")
 
 
-def test_a_built_in_scene_is_a_module_and_a_line_of_the_list(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                             capsys: pytest.CaptureFixture[str]) -> None:
-    """With its page and its test these are all the files that it touches: every command and the reference know it."""
-    import test_site
+def test_a_kind_of_femsub_is_a_file_in_its_folder(places: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                  capsys: pytest.CaptureFixture[str]) -> None:
+    """With its page and its test this is the only file that it touches: every command knows it."""
+    from femsub.app import asks, kinds
 
-    from femsub.app import scenes
-    from femsub.app.scene import SCENES
-
-    (tmp_path / "places.py").write_text(blocks_of("scene")[0], encoding="utf-8")
-    monkeypatch.setattr(scenes, "__path__", [*scenes.__path__, str(tmp_path)])
-    monkeypatch.setitem(SCENES, "belt-places", ("places", "the critical slope over the place of the belt"))
+    (tmp_path / "folder").mkdir()
+    (places / "places.py").rename(tmp_path / "folder" / "places.py")
+    monkeypatch.setattr(asks, "__path__", [*asks.__path__, str(tmp_path / "folder")])
+    clear = kinds._packaged.cache_clear
+    clear()
     file = tmp_path / "my.toml"
     try:
-        printed = {}
-        for words in (["scenes"], ["keys", "belt-places"], ["new", "belt-places"], ["schema"], ["schema", "belt-places"]):
-            assert main(words) == 0
-            printed[" ".join(words)] = capsys.readouterr().out
-        file.write_text(printed["new belt-places"] + "\nn = 4\nmodes = 1\n", encoding="utf-8")
+        file.write_text(file.read_text(encoding="utf-8").replace('use = ["places.py"]', ""), encoding="utf-8")
         assert main(["run", str(file), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
         assert main(["run", str(tmp_path / "out" / "results.json")]) == 0
-        pages = test_site.generate.pages()
-        with pytest.raises(fs.InputError, match="did you mean 'modes'"):
-            file.write_text('scene = "belt-places"\nmodess = 3\n', encoding="utf-8")
-            load(str(file))
+        printed = {}
+        capsys.readouterr()
+        for words in (["keys"], ["keys", "places"], ["schema"]):
+            assert main(words) == 0
+            printed[" ".join(words)] = capsys.readouterr().out
     finally:
-        sys.modules.pop("femsub.app.scenes.places", None)
-    assert any(line.startswith("belt-places ") and line.endswith("place of the belt") for line in printed["scenes"].splitlines())
-    assert "number of masses" in printed["keys belt-places"]
-    every = json.loads(printed["schema"])["allOf"]
-    assert "belt-places" in every[0]["properties"]["scene"]["anyOf"][0]["enum"]
-    assert [case for case in every[1:] if case["if"]["properties"]["scene"] == {"const": "belt-places"}]
-    assert json.loads(printed["schema belt-places"])["properties"]["n"]["minimum"] == 2
+        sys.modules.pop("femsub.app.asks.places", None)
+        monkeypatch.undo()
+        clear()
+    assert "  places          The critical slope of a chain over the place" in printed["keys"]
+    assert "masses under the belt" in printed["keys places"] and "a list of whole numbers at least 1; required" in \
+        " ".join(printed["keys places"].split())
+    schema = json.loads(printed["schema"])["properties"]["ask"]["items"]
+    assert schema["properties"]["places"]["description"] == "masses under the belt"
     told = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert told["inputs"]["scene"] == "belt-places" and len(told["places"]) == 12 and told["tables"]["places"]["columns"]
-    assert "number of masses" in pages["scenes/belt-places.md"] and "(belt-places.md)" in pages["scenes/index.md"]
+    assert not told["files"] and len(told["places"]) == 8 and told["tables"]["places"]["columns"]

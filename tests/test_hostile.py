@@ -22,7 +22,7 @@ from femsub.app.moving import MODE_FILE
 from femsub.io import mesh_text
 from femsub.io.atomic import NEXT, TEMPORARY
 
-CHAIN = 'scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\noutputs = ["critical-slope"]\nfigures = false\n'
+CHAIN = 'scene = "chain"\nfigures = false\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n'
 MARK = "from pathlib import Path\nPath({!r}).write_text('run')\n"
 
 
@@ -103,11 +103,13 @@ def test_nothing_is_deleted_that_is_not_of_the_last_run(tmp_path: Path, out: Pat
 def test_nothing_is_written_through_a_link(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "victim").mkdir()
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "least-stable").symlink_to("../victim")
-    (tmp_path / "beam.toml").write_text('scene = "beam"\nelements = 20\nmodes = [8]\nrepeats = 1\noutputs = ["eigenvalues"]\n')
+    (tmp_path / "out" / "complex-modes-shape").symlink_to("../victim")
+    (tmp_path / "beam.toml").write_text('scene = "beam"\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\n[[ask]]\n'
+                                        'complex-modes = "all"\n')
     failed_in_one_line(["run", "-q", str(tmp_path / "beam.toml"), "--out", str(tmp_path / "out")], capsys,
-                       "least-stable is a link to another folder")
-    assert not list((tmp_path / "victim").iterdir()) and [path.name for path in (tmp_path / "out").iterdir()] == ["least-stable"]
+                       "complex-modes-shape is a link to another folder")
+    assert not list((tmp_path / "victim").iterdir()) and [path.name for path in (tmp_path / "out").iterdir()] == [
+        "complex-modes-shape"]
 
 
 # ---- what is run
@@ -121,19 +123,19 @@ def test_a_scene_file_does_not_run_python_from_elsewhere(named: str, tmp_path: P
         (folder / "evil.py").write_text(MARK.format(str(tmp_path / "mark")))
     (here / "link.py").symlink_to("../evil.py")
     named = named.format(tmp_path)
-    (here / "my.toml").write_text(f'scene = "{named}"\n')
-    (here / "results.json").write_text(json.dumps({"scene": "evil", "inputs": {"scene": named}, "versions": {}, "files": [
+    (here / "my.toml").write_text(f'use = ["{named}"]\nask = []\n')
+    (here / "results.json").write_text(json.dumps({"scene": "evil", "inputs": {"use": [named]}, "versions": {}, "files": [
         {"path": named, "sha256": hashlib.sha256((here / named).read_bytes()).hexdigest()}]}))
     for file in ("my.toml", "results.json"):
         failed_in_one_line(["run", str(here / file)], capsys, f"--trust {here / named}")
         assert not (tmp_path / "mark").exists()
-        failed_in_one_line(["run", str(here / file), "--trust", str(here / named)], capsys, "is no scene")
+        failed_in_one_line(["run", str(here / file), "--trust", str(here / named)], capsys, "nothing is asked")
         (tmp_path / "mark").unlink()
 
 
 def test_results_run_python_beside_them_only_with_its_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "evil.py").write_text(MARK.format(str(tmp_path / "mark")))
-    told = {"scene": "evil", "inputs": {"scene": "evil.py"}, "versions": {}}
+    told = {"scene": "evil", "inputs": {"use": ["evil.py"]}, "versions": {}}
     for files, words in (([], "but not its SHA-256"), ([{"path": "evil.py", "sha256": "0" * 64}], "has changed since")):
         (tmp_path / "results.json").write_text(json.dumps(told | {"files": files}))
         failed_in_one_line(["run", str(tmp_path / "results.json")], capsys, words)
@@ -189,9 +191,8 @@ def test_a_run_includes_from_a_folder_that_its_user_names(tmp_path: Path, capsys
     fs.write_mesh(tmp_path / "there" / "nodes.inp", fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20"))
     (tmp_path / "here" / "part.inp").write_text("*INCLUDE, INPUT=../there/nodes.inp\n")
     scene = tmp_path / "here" / "my.toml"
-    scene.write_text('scene = "solid"\nmesh = "part.inp"\n'
-                     'supports = ["left"]\ninterface = ["right"]\ncontact = "top"\nslope = 0.0\nmodes = [4]\n'
-                     'outputs = ["modes"]\n')
+    scene.write_text('scene = "solid"\n[part.disc]\nsolid = "part.inp"\nsupports = ["left"]\ninterface = ["right"]\n'
+                     'ports = {belt = "top"}\n[contact.belt]\nslope = 0.0\n[reduce]\nmodes = [4]\n[[ask]]\nmodes = 4\n')
     failed_in_one_line(["run", str(scene)], capsys, f"--trust {tmp_path / 'there'}")
     assert main(["run", "-q", str(scene), "--trust", str(tmp_path / "there")]) == 0
 
@@ -203,15 +204,34 @@ def test_a_name_or_a_band_that_cannot_be_is_refused(line: str, tmp_path: Path, c
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", ["../../x", "a\\nb", "x" * 300, "inputs", "sha256"])
+def test_a_name_of_an_ask_that_cannot_be_is_refused(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It names files, and an entry of results.json."""
+    (tmp_path / "my.toml").write_text(f'scene = "beam"\n[[ask]]\nmodes = 3\nname = "{name}"\n')
+    failed_in_one_line(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")], capsys, "line 4: ask 1.name: ")
+    assert not (tmp_path / "out").exists()
+
+
+def test_asks_of_one_name_have_numbers(tmp_path: Path) -> None:
+    asks = '[[ask]]\nmodes = 1\n[[ask]]\nmodes = 2\nname = "modes-2"\n[[ask]]\nmodes = 3\n'
+    (tmp_path / "my.toml").write_text(f'scene = "beam"\nfigures = false\n[reduce]\nmodes = [4]\n{asks}')
+    assert main(["run", "-q", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
+    told = json.loads((tmp_path / "out" / "results.json").read_text())
+    assert [len(told[name]["rows"]) for name in ("modes", "modes-2", "modes-3")] == [7, 8, 9]
+    assert {"modes.csv", "modes-2.csv", "modes-3.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
 # ---- what is shown
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("entries", [
-    {"written": 5}, {"written": ["critical-slope.csv", 3]}, {"versions": []}, {"machine": 3}, {"warnings": 7}, {"failed": [1]},
+    {"written": 5}, {"written": ["critical.csv", 3]}, {"versions": []}, {"machine": 3}, {"warnings": 7}, {"failed": [1]},
     {"date": 1}, {"files": [1]}, {"files": [{}]}, {"inputs": {"scene": ["chain"]}}, {"inputs": {"scene": "chain", "units": []}},
-    {"inputs": {"scene": "chain", "outputs": 5}}, {"critical-slope": 3}, {"critical-slope": {"rows": [3]}}, {"scene": {}},
-    {"error-time": {"rows": 1, "recommended": [1]}}, {"recommended": {"model": 1}}, {"eigenvalues": [{"model": "full"}]},
+    {"inputs": {"scene": "chain", "ask": 5}}, {"inputs": {"part": [3], "use": [3]}}, {"inputs": {"part": {"a": 3}, "ask": [3]}},
+    {"inputs": {"scene": "chain", "contact": 3, "reduce": [], "joint": {"a": []}}}, {"critical": 3}, {"critical": {"rows": [3]}},
+    {"scene": {}}, {"compare": {"rows": 1, "recommended": [1]}}, {"recommended": {"model": 1}},
+    {"complex-modes": [{"model": "full"}]},
     {"models": [{}]}, {"cycles": [{"omega": None}]}, {"critical-value": [1]}, {"scene": "\ud800"}, {"spectrum": [[]]}])
 def test_damaged_results_are_shown_or_refused_in_one_line(entries: dict[str, Any], out: Path,
                                                           capsys: pytest.CaptureFixture[str]) -> None:
@@ -267,17 +287,23 @@ def test_a_pipe_in_the_place_of_results_does_not_hang(tmp_path: Path, capsys: py
 
 
 SLOW = """
-import sys, time
-from femsub.app.scene import Result, Scene
+import sys
+from dataclasses import dataclass
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
 from femsub.studies import Table
 
-class SCENE(Scene):
-    OUTPUTS = ("one",)
+@dataclass(frozen=True)
+class One(Ask):
+    one: bool = key(True, "that it is asked for")
+    KIND = "one"
+    alone = True
 
-def run(scene, progress):
-    print("begun", file=sys.stderr, flush=True)
-    sys.stdin.readline()
-    return Result({}, ["done", Table("one", [{"a": 1}])])
+    def run(self, models):
+        print("begun", file=sys.stderr, flush=True)
+        sys.stdin.readline()
+        return Result({}, ["done", Table("one", [{"a": 1}])])
 """
 
 
@@ -285,9 +311,10 @@ def run(scene, progress):
 def test_two_runs_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The second is told. The lock of a run that is killed is gone with it, and its folder, if it had written nothing."""
     (tmp_path / "slow.py").write_text(SLOW)
+    (tmp_path / "slow.toml").write_text('use = ["slow.py"]\n[[ask]]\none = true\n')
     (tmp_path / "chain.toml").write_text(CHAIN)
     here, out = ["run", "-q", str(tmp_path / "chain.toml"), "--out", str(tmp_path / "out")], tmp_path / "out"
-    with command("run", str(tmp_path / "slow.py"), "--out", str(out), stdin=subprocess.PIPE) as first:
+    with command("run", str(tmp_path / "slow.toml"), "--out", str(out), stdin=subprocess.PIPE) as first:
         assert first.stderr is not None and first.stdin is not None
         assert first.stderr.readline() == "begun\n"
         failed_in_one_line(here, capsys, "another process writes into it")
@@ -297,7 +324,7 @@ def test_two_runs_into_one_folder(tmp_path: Path, capsys: pytest.CaptureFixture[
         fs.write_mesh(out / "mine.vtu", fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"))  # a lone file hinders nobody
         first.communicate("\n")
     assert first.returncode == 0 and (out / "one.csv").exists()
-    with command("run", str(tmp_path / "slow.py"), "--out", str(tmp_path / "other"), stdin=subprocess.PIPE) as second:
+    with command("run", str(tmp_path / "slow.toml"), "--out", str(tmp_path / "other"), stdin=subprocess.PIPE) as second:
         assert second.stderr is not None and second.stderr.readline() == "begun\n"
         second.send_signal(signal.SIGKILL)
     here[-1] = str(tmp_path / "other")

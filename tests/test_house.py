@@ -401,6 +401,22 @@ def members(node: ast.ClassDef) -> set[str]:
             for item in node.body if isinstance(item, (ast.FunctionDef, ast.AnnAssign))}
 
 
+def test_no_two_classes_have_one_name() -> None:
+    """Classes of kinds bear the name of their family: ChainPart, RigidJointKind, BeltContactKind, BranchAsk."""
+    names = Counter(node.name for _, node in classes())
+    assert not {name for name, count in names.items() if count > 1}
+
+
+@pytest.mark.parametrize(("family", "ending"), [("part", "Part"), ("joint", "JointKind"), ("contact", "ContactKind"),
+                                                ("ask", "Ask")])
+def test_a_kind_is_a_file_whose_class_has_its_name_and_that_of_its_family(family: str, ending: str) -> None:
+    for path in (PACKAGE / "app" / f"{family}s").glob("[!_]*.py"):
+        made = "".join(map(str.capitalize, path.stem.split("_"))) + ending
+        kinds = [node for node in nodes(path) if isinstance(node, ast.ClassDef) and "KIND" in members(node)]
+        assert [node.name for node in kinds] == [made], path
+        assert f'KIND: ClassVar[str] = "{path.stem.replace("_", "-")}"' in path.read_text(encoding="utf-8")
+
+
 def answers_of(package: Path = PACKAGE) -> tuple[set[str], set[str], set[str]]:
     """Classes that answer where stability is lost, those that hold the answer, and modules that make one."""
     solvers = {node.name for _, node in classes(package) if members(node) >= {"unfit", "solve"}} - {"Solver"}  # the protocol

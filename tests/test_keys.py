@@ -34,7 +34,9 @@ from femsub.studies import span
 ROOT = Path(__file__).parent.parent
 SCENES = list(built_in())
 #: all tables of scene files by the names that `femsub keys` has for them
-TABLES = explain.TABLES | {f"{family}.{name}": Kinds().kind(family, name) for family in FAMILIES for name in Kinds().names(family)}
+TABLES = explain.TABLES | {f"{family}.{name}": Kinds().kind(family, name) for family in FAMILIES
+                           for name in Kinds().names(family)}
+SHAPE = explain._table  # the schema of a table
 #: keys that exclude others
 ALONE = {"parameter": ("material", "mass", "spring", "damper")}
 #: a number, a text, a list, a table and a truth, so that every key refuses one of them
@@ -66,8 +68,8 @@ def wrong_texts() -> list[str]:
 #: What no schema can see, by a piece of the text: names that refer to others, bounds that depend on other keys, what is in files,
 #: the order within a pair, NaN and Inf, numbers that rounding spoils, and what only the computation finds.
 UNSEEN = (
-    "vary =", "belt = 11", "interface = [1, 1]", "sizes = [12]", "sizes = [1]", "modes = 3\n", '"M.mtx"', "chian.", "chain.bolt", "band = [1.0, 0.5]", "nan",
-    "inf", "1e308", "1e200", "1e-300", "1e-320", "100000", "ask = []", "/dev/zero", "craig-bampten")
+    "vary =", "belt = 11", "interface = [1, 1]", "sizes = [12]", "sizes = [1]", "modes = 3\n", '"M.mtx"', "chian.",
+    "chain.bolt", "band = [1.0, 0.5]", "nan", "inf", "1e308", "1e200", "1e-300", "1e-320", "100000", "ask = []", "/dev/zero", "craig-bampten")
 
 
 def test_the_schema_leaves_kinds_of_ones_own_alone(validator: Any) -> None:
@@ -79,8 +81,10 @@ def test_the_schema_leaves_kinds_of_ones_own_alone(validator: Any) -> None:
 def whole(name: str) -> dict[str, Any]:
     """A table with all its keys, each with its example or its default."""
     kind = TABLES[name]
-    table = {explain.spelt(kind, field): one.default if one.example is None else one.example for field, one in keys_of(kind).items()}
-    return {name_: value for name_, value in table.items() if value not in (None, "", [], {}) and name_ not in ALONE.get(name, ())[1:]}
+    table = {explain.spelt(kind, field): one.default if one.example is None else one.example
+             for field, one in keys_of(kind).items()}
+    left_out = ALONE.get(name, ())[1:]
+    return {spelt: value for spelt, value in table.items() if value not in (None, "", [], {}) and spelt not in left_out}
 
 
 def faults_of(kind: Any, table: dict[str, Any]) -> list[str]:
@@ -122,7 +126,7 @@ def test_a_table_with_every_key_is_taken_by_the_checks_and_by_the_schema(name: s
     jsonschema = pytest.importorskip("jsonschema")
     table = whole(name)
     assert not faults_of(TABLES[name], table)
-    assert not list(jsonschema.Draft7Validator(explain._table(TABLES[name])).iter_errors(table))
+    assert not list(jsonschema.Draft7Validator(SHAPE(TABLES[name])).iter_errors(table))
     assert not table or faults_of(TABLES[name], table | {"strange": 1})
 
 
@@ -153,7 +157,7 @@ def test_the_bounds_and_types_of_each_key_are_checked_as_the_schema_says(name: s
     """Of each key the wrong values are refused by both, and what is right beside them by neither."""
     jsonschema = pytest.importorskip("jsonschema")
     kind, table = TABLES[name], whole(name)
-    shape = jsonschema.Draft7Validator(explain._table(kind))
+    shape = jsonschema.Draft7Validator(SHAPE(kind))
     for field, one in keys_of(kind).items():
         spelt = explain.spelt(kind, field)
         if spelt in (others := ALONE.get(name, ())):
@@ -291,14 +295,15 @@ def test_a_key_may_be_a_table_a_list_of_tables_or_tables_by_name() -> None:
     ('[[parts]]\nmesh = 3', "parts 1.mesh: it must be a string, not 3"),
     ('parts = ["a"]', "parts: it must be a list of tables"),
     ('[[parts]]\nmesh = "a"\n[[joints]]\nparts = ["a"]', "joints 1.parts: it must be [one, other]"),
-    ('[[parts]]\nmesh = "a"\n[[joints]]\nparts = ["a", "b"]\nkind = "rigit"', "joints 1.kind: unknown kind 'rigit'; did you mean"),
+    ('[[parts]]\nmesh = "a"\n[[joints]]\nparts = ["a", "b"]\nkind = "rigit"', "joints 1.kind: unknown kind 'rigit'; did you "
+                                                                              "mean"),
     ('[[parts]]\nmesh = "a"\n[named.c]\nmehs = "c"', "named.c.mehs: unknown key 'mehs'; did you mean 'mesh'"),
 ])
 def test_what_is_wrong_in_a_table_is_named_and_the_schema_rejects_it(text: str, words: str) -> None:
     table = tomllib.loads(text)
     assert any(words in one for one in faults_of(Whole, table)), faults_of(Whole, table)
     jsonschema = pytest.importorskip("jsonschema")
-    assert not jsonschema.Draft7Validator(explain._table(Whole)).is_valid(table)
+    assert not jsonschema.Draft7Validator(SHAPE(Whole)).is_valid(table)
 
 
 def test_tables_are_listed_and_written_as_they_are_read() -> None:
@@ -369,7 +374,8 @@ def test_bash_completes_commands_scenes_and_files(words: list[str], offered: set
 
 
 def test_every_wrong_key_is_told() -> None:
-    table = {"scene": "chain", "part": {"chain": {"chian": 4, "chain": "ten", "zzzz": 1, "interfase": [1]}}, "reduce": {"sizes": []}}
+    table = {"scene": "chain", "part": {"chain": {"chian": 4, "chain": "ten", "zzzz": 1, "interfase": [1]}},
+             "reduce": {"sizes": []}}
     with pytest.raises(InputError) as told:
         Scene(table)
     for words in ("part.chain.chain: it must be a whole number", "'chian'; did you mean 'chain'?", "unknown key 'zzzz'; ",
@@ -387,7 +393,8 @@ def test_a_band_may_be_given_in_hertz_and_comes_back_as_given() -> None:
     for table, words in (({"band": [0, "5 kHz"]}, 'give units, e.g. units = "SI"'),
                          ({"ask": [{"modes": "band", "band": [0, "5 kHz"]}]}, 'give units, e.g. units = "SI"'),
                          ({"units": "SI", "band": [0, "5 kHertz"]}, "band: it must be a list of numbers"),
-                         ({"units": "SI", "part": {"plate": {"thickness": "5 Hz"}}}, "part.plate.thickness: it must be a number")):
+                         ({"units": "SI", "part": {"plate": {"thickness": "5 Hz"}}}, "part.plate.thickness: it must be a "
+                                                                                     "number")):
         with pytest.raises(InputError, match=words):
             Scene({"scene": "plate", **table})
 

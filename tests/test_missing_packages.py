@@ -163,7 +163,9 @@ def test_without_matplotlib_a_run_draws_nothing_and_says_so(tmp_path: Path, monk
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    (tmp_path / "a.toml").write_text('scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\n', encoding="utf-8")
+    (tmp_path / "a.toml").write_text('scene = "chain"\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\nfriction-law = [0.1]\n'
+                                     '[[ask]]\n'
+                                     'critical = "slope"\n', encoding="utf-8")
     assert cli.main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]) == 0
     said = [line for line in capsys.readouterr().err.splitlines() if "matplotlib" in line]
     assert said == [f"femsub: warning: no figures are drawn, they need matplotlib: {installed_by('matplotlib')}"]

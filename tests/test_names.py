@@ -14,8 +14,8 @@ import pytest
 
 import femsub as fs
 from femsub.app import cli
+from femsub.app.grammar import Scene
 from femsub.app.report import table_csv
-from femsub.app.scene import built
 from femsub.checks import csv_cell, shown
 from femsub.errors import FemsubWarning, printable, unknown_name, warn
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
@@ -56,11 +56,11 @@ def test_a_name_may_have_spaces_of_any_script_and_a_file_any_name(tmp_path: Path
 
 def test_the_name_of_a_scene_is_a_name_and_a_part_of_a_file_name() -> None:
     for name in ("disc\u00a0A", "\u30d6\u30ec\u30fc\u30ad\u3000A"):
-        assert built({"scene": "chain", "name": name})[0].name == name
+        assert Scene({"scene": "chain", "name": name}).name == name
     for wrong, why in ((EVIL, "printable characters only"), ("two\nlines", "printable characters only"), ("a/b", "without /"),
                        ("x" * 101, "at most 100 characters")):
-        with pytest.raises(fs.InputError, match=f"scene key 'name'.*{why}") as caught:
-            built({"scene": "chain", "name": wrong})
+        with pytest.raises(fs.InputError, match=f"name: .*{why}") as caught:
+            Scene({"scene": "chain", "name": wrong})
         assert str(caught.value).isprintable()
 
 
@@ -96,6 +96,12 @@ def test_the_command_line_prints_no_escapes(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "b.toml").write_text('scene = "chain"\n"a\\u001b[31m" = 1\n', encoding="utf-8")
     assert cli.main(["run", str(tmp_path / "b.toml")]) == 2
     assert "\x1b" not in capsys.readouterr().err
+    for text in ('[part."a\\u001b[31m"]\nchain = 3\n', '[[ask]]\nmodes = 3\nname = "a\\u001b[31m"\n', '[[ask]]\nmodes = 3\n'
+                                                                                                      'note = "\\u001b[31m"\n',
+                 '[contact.belt]\nbelt = "chain.\\u001b[31m"\n', '[[ask]]\ncritical = "\\u001b[31m"\n'):
+        (tmp_path / "c.toml").write_text(f'scene = "chain"\n{text}', encoding="utf-8")
+        assert cli.main(["run", str(tmp_path / "c.toml")]) == 2, text
+        assert "\x1b" not in (said := capsys.readouterr().err) and said.startswith("femsub: ")
     assert cli.main(["run", f"{EVIL}.toml"]) == 2
     said = capsys.readouterr().err
     assert "\x1b" not in said and "\\x1b[31m\\x9b2J" in said

@@ -26,7 +26,7 @@ from sandbox import HOOK
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.grammar import Scene, built_in
+from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.report import commit, table_csv
 from femsub.app.units import SYSTEMS, UNKNOWN
 from femsub.studies.tables import WIDTH
@@ -36,25 +36,32 @@ VARIED = 'vary = {"part.chain.belt" = [1, 2], "part.chain.interface" = [[1], [1,
 QUICKLY = "[reduce]\nmodes = [8]\nrepeats = 1\n"
 #: a small model of each scene
 SMALL = {
-    "chain": f'units = "SI"\n[reduce]\nsizes = [3, 5]\nrepeats = 1\n[[ask]]\nfriction-law = [0.1, 0.01]\n[[ask]]\ncritical = "slope"\n'
+    "chain": f'units = "SI"\n[reduce]\nsizes = [3, 5]\nrepeats = 1\n[[ask]]\nfriction-law = [0.1, 0.01]\n[[ask]]\n'
+             f'critical = "slope"\n'
              f'{VARIED}[[ask]]\ngrowth = "slope"\npoints = 5\n{VARIED}[[ask]]\ncomplex-modes = "all"\nevery = true\n[[ask]]\n'
              'compare = ["growth", "critical", "held"]\nname = "error-time"\n',
-    "matrices": 'band = [0.0, 0.4]\n[part.part]\nmatrices = {M = "M.npz", K = "model.mat:K"}\n[contact.belt]\nslope = -0.1\n[reduce]\n'
+    "matrices": 'band = [0.0, 0.4]\n[part.part]\nmatrices = {M = "M.npz", K = "model.mat:K"}\n[contact.belt]\nslope = -0.1\n'
+                '[reduce]\n'
                 "modes = [6]\nrepeats = 1\n",
     "beam": f'units = "SI"\n[part.beam]\nelements = 40\n{QUICKLY}',
     "plate": f"[part.plate]\nplate = {{lengths = [0.4, 0.3], elements = [8, 6]}}\n{QUICKLY}",
     "solid": '[part.disc]\nsolid = "part.inp"\nsupports = ["left"]\ninterface = ["right:y"]\nports = {belt = "top"}\n' + QUICKLY,
-    "frequency-response": f'[part.beam]\nelements = 20\n{QUICKLY}[[ask]]\nresponse = ["beam.belt"]\nloss = 0.01\nfrequencies = 60\n',
+    "frequency-response": f'[part.beam]\nelements = 20\n{QUICKLY}[[ask]]\nresponse = ["beam.belt"]\nloss = 0.01\n'
+                          f'frequencies = 60\n',
     "chain-parts": '[part.chain]\nchain = 12\n[reduce]\nmodes = [2]\nmethods = ["HCB", "rubin"]\nrepeats = 1\n[[ask]]\n'
                    'compare = ["growth", "critical", "held"]\nlisted = 20\n',
     "plate-parts": "band = [0.0, 1000.0]\n[part.plate]\nplate = {lengths = [0.4, 0.3], elements = [8, 6]}\ncut = 2\n"
                    '[reduce]\nmodes = [2]\nmethods = ["HCB"]\nrepeats = 1\n',
-    "solid-parts": '[reduce]\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',
-    "own-parts": 'band = [0.0, 0.4]\n[part.disc]\nmatrices = {M = "M.npz", K = "model.mat:K"}\ninterface = [19]\nports = {belt = [1]}\n'
+    "solid-parts": text_of("solid-parts").partition("[reduce]")[0].replace("elements =", 'cells = "hexahedron", elements =')
+                   + '[reduce]\nmodes = [3]\nmethods = ["HCB"]\nrepeats = 1\n',
+    "own-parts": 'band = [0.0, 0.4]\n[part.disc]\nmatrices = {M = "M.npz", K = "model.mat:K"}\ninterface = [19]\n'
+                 'ports = {belt = [1]}\n'
                  '[part.pad]\nmatrices = {M = "M.npz", K = "model.mat:K"}\ninterface = [19]\n[[joint]]\nrigid = ["disc", "pad"]\n'
                  '[contact.belt]\nslope = -0.1\n[reduce]\nmethods = ["CC"]\nmodes = [3]\nrepeats = 1\n',
-    "superelements": 'band = [0.0, 1e4]\n[part.in]\nsuperelement = "arm.pch"\ncutoff = 2e4\n[part.out]\nsuperelement = "arm.pch"\n'
-                     'cutoff = 2e4\n[[joint]]\nrigid = ["in", "out"]\n[[joint]]\nspring = ["in", "ground"]\nstiffness = 1e7\n[reduce]\n'
+    "superelements": 'band = [0.0, 1e4]\n[part.in]\nsuperelement = "arm.pch"\ncutoff = 2e4\n[part.out]\n'
+                     'superelement = "arm.pch"\n'
+                     'cutoff = 2e4\n[[joint]]\nrigid = ["in", "out"]\n[[joint]]\nspring = ["in", "ground"]\nstiffness = 1e7\n'
+                     '[reduce]\n'
                      'methods = ["CC"]\nmodes = [3]\nrepeats = 1\n[[ask]]\naudit = "parts"\n[[ask]]\nmodes = "band"\n'
                      'reference = [3000.0]\n[[ask]]\ncompare = ["growth", "held"]\n',
     "brake": "band = [1e4, 1.2e4]\n" + "".join(f'[part.{name}]\nsolid = {{brake = "{name}", size = 0.08}}\n'
@@ -62,10 +69,12 @@ SMALL = {
              + '[reduce]\nmodes = [8]\n[[ask]]\ncomplex-modes = "full"\nat = {mu = 0.5}\nname = "unstable"\n',
     "chain-transient": "[[ask]]\nmotion = [0.0, 300.0]\nwindow = [100.0, 300.0]\nlength = 100.0\n"
                        'show = ["growth", "quality", "signals", "spectrum", "spectrogram"]\n',
-    "solid-transient": "[part.disc]\nsolid = {radii = [0.05, 0.15], thickness = 0.012, elements = [2, 12, 1]}\n[reduce]\nmodes = [20]\n"
+    "solid-transient": "[part.disc]\nsolid = {radii = [0.05, 0.15], thickness = 0.012, elements = [2, 12, 1]}\n[reduce]\n"
+                       "modes = [20]\n"
                        'methods = ["CC"]\n[[ask]]\nmotion = [0.0, 20.0]\nin_periods = true\nimpulse = 0.1\nmodels = "best"\n'
                        'show = ["spectrum"]\n',
-    "chain-limit-cycle": 'band = [0.6, 0.9]\n[reduce]\nmethods = ["CC"]\n[[ask]]\ncycles = 1\n[[ask]]\nbranch = "slope"\nfamilies = 1\n'
+    "chain-limit-cycle": 'band = [0.6, 0.9]\n[reduce]\nmethods = ["CC"]\n[[ask]]\ncycles = 1\n[[ask]]\nbranch = "slope"\n'
+                         'families = 1\n'
                          "dots = 1\nperiods = 20\nharmonics = 20\npoints = 6\n",
     "plate-limit-cycle": f"[part.plate]\nplate = {{lengths = [0.4, 0.3], elements = [4, 3]}}\n{QUICKLY}[[ask]]\ncycles = 1\n",
     "two-mode": '[[ask]]\ncritical = "mu"\nvary = {"parameter.d.value" = [0.0, 0.05]}\n[[ask]]\nflutter = "mu"\npoints = 11\n',
@@ -387,7 +396,8 @@ def test_a_results_json_that_is_not_ours_is_not_overwritten(tmp_path: Path, caps
 # ---- units
 
 
-BEAM = 'figures = false\n{}\n[part.beam]\nelements = 20\n{}\n[reduce]\nmodes = [8]\n[[ask]]\nmodes = 8\n[[ask]]\ncritical = "slope"\n{}\n'
+BEAM = ('figures = false\n{}\n[part.beam]\nelements = 20\n{}\n[reduce]\nmodes = [8]\n[[ask]]\nmodes = 8\n[[ask]]\n'
+        'critical = "slope"\n{}\n')
 IN_MM = ("beam = 1000.0\nwidth = 20.0\nheight = 10.0\nports = {belt = 350.0}", "[material.steel]\nE = 2.1e5\nrho = 7.85e-9\n"
          "[contact.belt]\nspeed = 191.13\neps = 1.0")
 
@@ -418,7 +428,10 @@ def test_hertz_stand_beside_rad_per_second_in_each_system(tmp_path: Path, capsys
 
 @pytest.mark.parametrize(("text", "words"), [
     ('units = "mks"', "units: unknown units 'mks'"), ("units = 3", "units: it must be a string or a table"),
-    ('units = {length = "mm"}', "units: the key 'time' is missing"), ('units = {lenght = "mm", mass = "t", time = "s"}', "did you mean 'length'")])
+    ('units = {length = "mm"}', "units: the key 'time' is missing"), ('units = {lenght = "mm", mass = "t", time = "s"}', "did "
+                                                                                                                         "you "
+                                                                                                                         "mean "
+                                                                                                                         "'length'")])
 def test_units_that_cannot_be_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
     assert main(["run", scene_file(tmp_path, "beam", text)]) == 2
     assert words in capsys.readouterr().err

@@ -69,7 +69,8 @@ def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
     folder, _ = chain_run
     shape = "eigenvalues-shape"
-    pictures = {"friction-law", "critical-slope", "growth", "size-sweep", "eigenvalues", "error-time", shape, "eigenvalues-unstable"}
+    pictures = {"friction-law", "critical-slope", "growth", "size-sweep", "eigenvalues", "error-time", shape,
+                "eigenvalues-unstable"}
     assert {path.name for path in folder.iterdir()} == {
         "results.json", *(f"{name}.csv" for name in TABLES), *(f"{name}.png" for name in pictures), shape, f"{shape}.vtu",
         f"{shape}.pvd", "eigenvalues-unstable.vtu"}
@@ -120,13 +121,24 @@ def test_chain_results_hold_the_paper_s_order_of_methods_for_every_place_of_the_
     assert np.argmax(hcb) == 0 and (cc < hcb).all()
 
 
+def test_growth_of_models_of_several_sizes_stands_apart(tmp_path: Path) -> None:
+    text = QUICK + asked('growth = "slope"\npoints = 4\nvary = {"part.chain.belt" = [1, 2, 3]}')
+    folder, _ = chain(tmp_path, text)
+    panels = json.loads((folder / "results.json").read_text())["growth"]["panels"]
+    assert sorted((one["model"], one["rest"]) for one in panels) == [
+        ("craig-bampton", "3 DOF"), ("craig-bampton", "5 DOF"), ("craig-chang", "3 DOF"),
+        ("craig-chang", "5 DOF"), ("full", "")]
+    assert all(np.shape(one["growth"]) == (3, 4) and len(one["critical_slope"]) == 3 for one in panels)
+
+
 def test_each_table_is_a_csv_file_of_its_own(chain_run: tuple[Path, str]) -> None:
     data = json.loads((chain_run[0] / "results.json").read_text())
+    listed = {"eigenvalues": data["eigenvalues"]["models"], "eigenvalues-unstable": data["eigenvalues"]["unstable"],
+              "error-time": data["error-time"]["rows"]}
     for name in TABLES:
         with open(chain_run[0] / f"{name}.csv", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
-        expected = {"eigenvalues": lambda: data[name]["models"], "error-time": lambda: data[name]["rows"],
-                    "eigenvalues-unstable": lambda: data["eigenvalues"]["unstable"]}.get(name, lambda: data[name])()
+        expected = listed.get(name) or data[name]
         head = "method" if name == "error-time" else "model" if name != "eigenvalues-unstable" else "interface"
         assert len(rows) == len(expected) > 0 and [row[head] for row in rows] == [str(row[head]) for row in expected]
         assert {key for key in rows[0] if all(row[key] == "" for row in rows)} <= {"reason"}  # no column of another table
@@ -177,8 +189,10 @@ BAD = [
     (CHAIN + "[prat.chain]\nbelt = 3", "line 2: prat: unknown table 'prat'; did you mean 'part'"),
     (CHAIN + "[part.chain]\nbelt = 11", "belt (masses count from 1) must be at least 1 and at most 10, but is 11"),
     (CHAIN + asked('critical = "slope"\nvary = {"part.chain.belt" = [1, 12]}'), "at least 1 and at most 10, but is 12"),
-    (CHAIN + asked('critical = "slope"\nvary = {"part.chain.bolt" = [1]}'), "line 4: ask 1.vary: part.chain.bolt: unknown key 'bolt'"),
-    (CHAIN + asked('critical = "slope"\nvary = {"part.chian.belt" = [1]}'), "line 4: ask 1.vary: unknown part 'chian'; did you mean"),
+    (CHAIN + asked('critical = "slope"\nvary = {"part.chain.bolt" = [1]}'), "line 4: ask 1.vary: part.chain.bolt: unknown key "
+                                                                            "'bolt'"),
+    (CHAIN + asked('critical = "slope"\nvary = {"part.chian.belt" = [1]}'), "line 4: ask 1.vary: unknown part 'chian'; did you "
+                                                                            "mean"),
     (CHAIN + asked('critical = "slope"\nvary = {"part.chain.belt" = [1, "x"]}'), "must be a whole number, not 'x'"),
     (CHAIN + asked('critical = "slope"\nvary = {"part.chain.belt" = []}'), "'part.chain.belt' has no values"),
     (CHAIN + asked('growth = "slope"\nvary = {"part.chain.belt" = [1]}'), "growth needs vary with several values"),
@@ -189,7 +203,8 @@ BAD = [
     (CHAIN + "[part.chain]\ninterface = [1, 1]", "part.chain.interface: 1 is listed 2 times"),
     (CHAIN + "[reduce]\nsizes = [12]", "line 2: reduce: sizes: 12 are more than the 10 DOF of 'chain'"),
     (CHAIN + '[reduce]\nmethods = ["craig-bampten"]', "unknown method 'craig-bampten'; did you mean 'craig-bampton'"),
-    (CHAIN + asked('complex-mode = "all"'), "line 2: ask 1: unknown kind of ask: none of its keys names one, as 'complex-mode'; did you "
+    (CHAIN + asked('complex-mode = "all"'), "line 2: ask 1: unknown kind of ask: none of its keys names one, as "
+                                            "'complex-mode'; did you "
                                             "mean 'complex-modes'"),
     (CHAIN + asked('complex-modes = "all"\nmodes = 3'), "it is of the kinds complex-modes and modes"),
     (CHAIN + '[contact.belt]\nlaw = "stribeck"', "line 3: contact.belt.law: unknown law 'stribeck'"),
@@ -207,7 +222,8 @@ BAD = [
     (CHAIN + "[contact.belt]\nforce = -1.0", "contact.belt.force: it must not be negative"),
     (CHAIN + "band = [1.0, 0.5]", "line 2: band: it must be (lo, hi) with lo < hi"),
     (CHAIN + "band = [1.0]", "line 2: band: it must be [lo, hi], not [1.0]"),
-    ('scene = "matrices"\n[part.part]\nmatrices = {K = "K.mtx"}', "part.part.matrices: the key 'M' is missing: the file of the mass matrix"),
+    ('scene = "matrices"\n[part.part]\nmatrices = {K = "K.mtx"}', "part.part.matrices: the key 'M' is missing: the file of the "
+                                                                  "mass matrix"),
     ('scene = "matrices"\n[contact.belt]\nbelt = ""', "contact.belt: the key 'belt' is missing"),
     ('scene = "matrices"\n[part.part]\nmatrices = {M = "M.mtx", K = "K.mtx"}', "there is no file"),
     ("ask = 3\n" + CHAIN, "line 1: ask: it must be tables, [ask.NAME]"),
@@ -239,7 +255,8 @@ def test_matrices_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str],
             row, column, value = change[name]
             changed[row, column] = value
         scipy.io.mmwrite(tmp_path / f"{name}.mtx", sp.coo_matrix(changed), symmetry="general")
-    scene = scene_file(tmp_path, 'scene = "matrices"\nband = [0.0, 0.4]\n[part.part]\nmatrices = {M = "M.mtx", K = "K.mtx", D = "D.mtx"}\n'
+    scene = scene_file(tmp_path, 'scene = "matrices"\nband = [0.0, 0.4]\n[part.part]\n'
+                                 'matrices = {M = "M.mtx", K = "K.mtx", D = "D.mtx"}\n'
                                  "[contact.belt]\nslope = -0.1\n[reduce]\nmodes = [6]\nrepeats = 1\n")
     status = main(["run", scene, "--out", str(tmp_path / "out")])
     printed = capsys.readouterr()

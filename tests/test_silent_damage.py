@@ -190,11 +190,12 @@ def test_a_model_whose_index_was_changed_is_refused(tmp_path: Path) -> None:
 def test_results_that_were_changed_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("plotly")
     scene, out = tmp_path / "chain.toml", tmp_path / "out"
-    scene.write_text('scene = "chain"\nn = 6\nbelts = [2]\nsizes = [3]\noutputs = ["critical-slope"]\nrepeats = 1\n')
+    scene.write_text('scene = "chain"\n[part.chain]\nchain = 6\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\n'
+                     'critical = "slope"\n')
     assert main(["run", "-q", str(scene), "--out", str(out), "--no-figures"]) == 0 == main(["show", str(out)])
     assert "another content" not in capsys.readouterr().err
     known = json.loads((out / "results.json").read_text())
-    known["critical-slope"]["rows"][0]["slope"] *= 2
+    known["critical"][0]["value"] *= 2
     (out / "results.json").write_text(json.dumps(known))
     for command in (["show", str(out)], ["run", "-q", str(out / "results.json"), "--no-figures"]):
         assert main(command) == 0
@@ -204,7 +205,8 @@ def test_results_that_were_changed_are_named(tmp_path: Path, capsys: pytest.Capt
 def test_a_page_without_its_mode_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("plotly")
     scene, out = tmp_path / "beam.toml", tmp_path / "out"
-    scene.write_text('scene = "beam"\nelements = 20\nmodes = [8]\nrepeats = 1\noutputs = ["eigenvalues", "page"]\n')
+    scene.write_text('scene = "beam"\npage = true\n[part.beam]\nelements = 20\n[reduce]\nmodes = [8]\nrepeats = 1\n[[ask]]\n'
+                     'complex-modes = "all"\n')
     assert main(["run", "-q", str(scene), "--out", str(out), "--no-figures"]) == 0
     (out / "mode.npz").unlink()
     capsys.readouterr()

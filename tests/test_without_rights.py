@@ -25,6 +25,9 @@ SUFFIXES = {
     "read_response": (".uff", ".unv", ".npz", ".csv"), "read_modes": (".uff", ".unv", ".rst")}
 
 
+QUICK = 'figures = false\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n'
+
+
 @pytest.fixture
 def folder() -> Iterator[Path]:
     """A folder that any account may enter; pytest's own belong to one."""
@@ -71,12 +74,13 @@ for reader, suffixes in {SUFFIXES!r}.items():
 
 def test_the_commands_say_in_one_line_what_they_may_not_read_or_write(folder: Path) -> None:
     """A scene, a Python file, results, a page's results, a matrix that a scene names, the folder of --out."""
-    scene = 'scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\noutputs = ["critical-slope"]\nfigures = false\n'
+    scene = f'scene = "chain"\n{QUICK}'
     (folder / "open.toml").write_text(scene, encoding="utf-8")
     (folder / "mine.toml").write_text(scene, encoding="utf-8")
     (folder / "own.py").write_text("", encoding="utf-8")
-    (folder / "names.toml").write_text('scene = "matrices"\nM = "M.mtx"\nK = "M.mtx"\nband = [0.0, 1.0]\ninterface = [0]\n'
-                                       "port = 1\n", encoding="utf-8")
+    (folder / "names.toml").write_text('scene = "matrices"\n[part.part]\nmatrices = {M = "M.mtx", K = "M.mtx"}\n',
+                                       encoding="utf-8")
+    (folder / "uses.toml").write_text(f'use = ["own.py"]\n{scene}', encoding="utf-8")
     (folder / "M.mtx").write_text("", encoding="utf-8")
     for name in ("results", "closed"):
         (folder / name).mkdir()
@@ -84,7 +88,7 @@ def test_the_commands_say_in_one_line_what_they_may_not_read_or_write(folder: Pa
     for name, mode in (("mine.toml", 0), ("own.py", 0), ("M.mtx", 0), ("results/results.json", 0), ("closed", 0),
                        ("results", 0o777)):
         (folder / name).chmod(mode)
-    commands = [["run", "mine.toml"], ["run", "own.py"], ["run", "names.toml"], ["run", "results/results.json"],
+    commands = [["run", "mine.toml"], ["run", "uses.toml"], ["run", "names.toml"], ["run", "results/results.json"],
                 ["run", "closed/results.json"], ["run", "closed/a.toml"], ["show", "results"], ["show", "closed"],
                 ["run", "open.toml", "--out", "results"], ["run", "open.toml", "--out", "closed"],
                 ["run", "open.toml", "--out", "closed/new"], ["run", "open.toml", "--out", "new"], ["audit", "M.mtx"],
@@ -116,8 +120,7 @@ def run(command: str, **variables: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("closed", ["2>&-", "<&-", ">&-", "<&- >&- 2>&-"])
 def test_closed_streams_lose_nothing(closed: str, tmp_path: Path) -> None:
-    (tmp_path / "a.toml").write_text('scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\noutputs = ["critical-slope"]\n'
-                                     "figures = false\n", encoding="utf-8")
+    (tmp_path / "a.toml").write_text(f'scene = "chain"\n{QUICK}', encoding="utf-8")
     done = run(f'cd {tmp_path}; "$PYTHON" -m femsub run a.toml --out out {closed}')
     assert done.returncode == 0 and (tmp_path / "out" / "results.json").is_file(), done.stderr
     assert ("written to out" in done.stdout) == (">&-" not in closed.replace("2>&-", ""))
@@ -128,15 +131,14 @@ def test_closed_streams_lose_nothing(closed: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["scenes", "keys chain", "new brake", "run a.toml", "schema"])
 def test_a_terminal_without_greek_letters(command: str, tmp_path: Path) -> None:
     """It was a UnicodeEncodeError."""
-    text = 'scene = "chain"\nbelts = [2]\nsizes = [3]\nrepeats = 1\nfigures = false\n'
-    (tmp_path / "a.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "a.toml").write_text(f'scene = "chain"\n{QUICK}[[ask]]\ncomplex-modes = "all"\n', encoding="utf-8")
     done = run(f'cd {tmp_path}; "$PYTHON" -m femsub {command}', PYTHONIOENCODING="ascii")
     assert done.returncode == 0 and done.stdout.isascii() and len(done.stdout) > 100 and "Traceback" not in done.stderr
 
 
 def test_ctrl_c_while_the_command_is_imported(tmp_path: Path) -> None:
     """An import that is interrupted ends with one line, by each way the command is started."""
-    (tmp_path / "tomllib.py").write_text("import os, signal, time\n"
+    (tmp_path / "argparse.py").write_text("import os, signal, time\n"
                                          "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
                                          "os.kill(os.getpid(), signal.SIGINT); time.sleep(9)\n",
                                          encoding="utf-8")

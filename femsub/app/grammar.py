@@ -50,6 +50,9 @@ if TYPE_CHECKING:
 BUILT_IN = files("femsub.app") / "scenes"
 ENDING = ".toml"
 LONGEST_NAME = 100
+#: entries of results.json that are no ask's
+RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs", "failed",
+            "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,13 @@ def text_of(name: str) -> str:
     if re.search(r"[/\\]", name) or not path.is_file():
         raise unknown_name("scene", name, (one.name.removesuffix(ENDING) for one in BUILT_IN.iterdir() if one.name.endswith(ENDING)))
     return path.read_text(encoding="utf-8")
+
+
+def file_word(name: Any) -> str:
+    """A name that may be part of a file's name, or none."""
+    if len(word("it", name)) > LONGEST_NAME or set(name) & set("/\\"):
+        raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
+    return str(name)
 
 
 def parsed(text: str, source: str) -> dict[str, Any]:
@@ -221,6 +231,9 @@ class Scene:
                                      f"then allow it: femsub run {self.source} --trust {path}")
             if not path.is_file():
                 raise InputError(f"there is no file {path}")
+            if (known := self.store.get(("module", path))) is not None:  # variants have the same kinds
+                found.append(known)
+                continue
             spec = spec_from_file_location(f"femsub_kinds_{path.stem}", path)
             assert spec is not None and spec.loader is not None
             module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
@@ -231,6 +244,7 @@ class Scene:
             except Exception as error:
                 raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
             found.append(module)
+            self.store["module", path] = module
         return found
 
     def _read(self, faults: Faults, known_as: str) -> None:
@@ -249,9 +263,7 @@ class Scene:
             made(Settings, above, (), faults, False)
         self.settings, self.figures, self.paged = settings, settings.figures, settings.page
         with faults.at(("name",)):
-            self.name = word("it", settings.name) or known_as
-            if len(self.name) > LONGEST_NAME or set(self.name) & set("/\\"):
-                raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
+            self.name = file_word(settings.name) or known_as
         found: dict[str, dict[str, Any]] = {}
         for family in (*families, *FAMILIES):
             found[family] = {}
@@ -270,6 +282,12 @@ class Scene:
         self.joints: dict[str, JointKind] = found["joint"]
         self.contacts: dict[str, ContactKind] = found["contact"]
         self.asks: list[Ask] = list(found["ask"].values())
+        for name, ask in found["ask"].items():
+            with faults.at((*self.place("ask", name), "name")):
+                if file_word(ask.name) in RESERVED:
+                    raise InputError(f"{ask.name!r} is the name of another entry of results.json")
+            with faults.at((*self.place("ask", name), "note")):
+                word("it", ask.note)
         given = table.get("reduce")
         if not isinstance(given, (Mapping, NoneType)):
             faults.add(("reduce",), "it must be a table, [reduce]")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -28,6 +29,7 @@ from femsub.errors import InputError, unknown_name
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
 RANGES = ("[lo, hi]", "[from, to]")
+HIGHEST = sys.float_info.max ** (1 / 3)  # end of a band
 HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # of a band, where the unit of time is the second
 
 
@@ -247,6 +249,9 @@ def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
         raise InputError(f"it must be {one.form}, not {shown(value)}")
     if one.form in RANGES and isinstance(value, list):
         interval("it", value)
+    if one.in_hertz and isinstance(value, list) and value[1] > HIGHEST:
+        raise InputError(f"it must end below {HIGHEST:.3g}, so that the cubes of its frequencies are finite, but is "
+                         f"{shown(value)}")
     if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
         raise InputError(f"{twice[0]!r} is listed {value.count(twice[0])} times")
     for place, item in enumerate(value if isinstance(value, list) else [value], 1):

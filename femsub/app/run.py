@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from femsub.app.asks import Ask
-from femsub.app.grammar import Scene
 from femsub.app.models import Models
 from femsub.app.result import Progress, Result, Shown
 from femsub.checks import Interruptible
 from femsub.errors import FemsubError
 from femsub.studies import Chart, Table
+
+if TYPE_CHECKING:
+    from femsub.app.grammar import Scene
 
 
 def run_all(scene: Scene, progress: Progress) -> Result:
@@ -90,8 +92,11 @@ def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
     """Each ask with the name of its results: of several of one name the later ones have a number."""
     found: list[tuple[str, Ask]] = []
     for ask in asks:
-        same = sum(one.title == ask.title for _, one in found)
-        found.append((f"{ask.title}-{same + 1}" if same else ask.title, ask))
+        taken, name, number = {name for name, _ in found}, ask.title, 1
+        while name in taken:
+            number += 1
+            name = f"{ask.title}-{number}"
+        found.append((name, ask))
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub import studies
-from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks import Ask, parameter_of, shown
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError
@@ -35,24 +35,28 @@ class GrowthAsk(Ask):
         super().check(scene)
         parameter_of(scene, self.growth)
         if not self.varying:
-            raise InputError("growth needs vary with several values: what changes from column to column, e.g. {\"part.chain.belt\" = [1, 2, 3]}")
+            raise InputError("growth needs vary with several values: what "
+                             "changes from column to column, e.g. {\"part.chain.belt\" = [1, 2, 3]}")
 
     def run(self, models: Models) -> Result:
         lo, hi = self.between
         values = np.linspace(lo, hi, self.points) if lo * hi <= 0 else np.sign(lo) * np.geomspace(abs(hi), abs(lo), self.points)
         panels: dict[tuple[str, int, str], dict[str, Any]] = {}
         first, *others = self.varying
+        columns = next(given for given in self.vary.values() if len(given) > 1)
+        reduce = models.scene.reduce
+        several = len(reduce.sizes or reduce.modes) > 1
         for varied, own in self.variants(models):
-            band = own.band_of(self.band)
+            band, at = own.band_of(self.band), [shown(value) for value in columns].index(varied[first])
             for one in own.every:
-                rest = ", ".join(str(varied[name]) for name in others)
-                panel = panels.setdefault((one.kind, one.modes, rest), {"model": one.kind, "rest": rest, "growth": [], "critical_slope": []})
-                reached = band[1] <= one.model.cutoff  # else its modes above the cut-off would have a say
-                panel["growth"].append(fs.sweep(one.model, own.at({self.growth: 0.0}), self.growth, values, band=band).growth
-                                       if reached else np.full(len(values), np.nan))
-                panel["critical_slope"].append(studies.first_loss(one.model, own.linear, self.growth, None, band).value)
-        for panel in panels.values():
-            panel["growth"] = np.array(panel["growth"])
-        found = {"slopes": values, "at": next(given for given in self.vary.values() if len(given) > 1), "over": first,
-                 "panels": sorted(panels.values(), key=lambda one: one["rest"])}
+                size = f"{one.model.size} DOF" if reduce.sizes else f"{one.modes} modes"
+                rest = ", ".join([*(str(varied[name]) for name in others), *[size] * (several and one.modes > 0)])
+                panel = panels.setdefault((one.kind, rest), {
+                    "model": one.kind, "rest": rest, "growth": np.full((len(columns), len(values)), np.nan),
+                    "critical_slope": np.full(len(columns), np.nan)})
+                if band[1] <= one.model.cutoff:  # else its modes above the cut-off would have a say
+                    contacts = own.at({self.growth: 0.0})
+                    panel["growth"][at] = fs.sweep(one.model, contacts, self.growth, values, band=band).growth
+                panel["critical_slope"][at] = studies.first_loss(one.model, own.linear, self.growth, None, band).value
+        found = {"slopes": values, "at": columns, "over": first, "panels": sorted(panels.values(), key=lambda one: one["rest"])}
         return Result({"growth": found}, [studies.growth_chart(found)])

@@ -10,8 +10,7 @@ from femsub.app.asks import Ask, parameter_of
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError
-from femsub.studies import Table, column
-from femsub.studies.charts_changes import changes_chart
+from femsub.studies import Table, changes_chart, column
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
