@@ -45,7 +45,7 @@ from benchmarks import UsageError
 from benchmarks.processes import Row, StoppedError, Worker, begin, fresh, machine, peak_mb
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
-from femsub.app.scene import Result
+from femsub.app.result import Result
 from femsub.studies.tables import Table, table
 
 STEEL = (2.1e11, 0.3, 7850.0)
@@ -91,17 +91,18 @@ def disc(size: float, nodes: int) -> fs.Substructure:
     The interface are the `nodes` nodes about the middles of the pads' backs, half of them on each. It holds the pads, so that the
     springs of the scene's brake are left out.
     """
-    from femsub.app.scenes.brake import PADS, Brake, BrakeScene
+    from femsub.app.grammar import Scene
 
-    made = Brake(BrakeScene(size=size), lambda _: None)
-    system = fs.couple({name: made.part(name) for name in ("disc", *PADS)}, made.contacts(0.0), DISC)
-    contact = system.linearised(made.contacts(0.0)).K - system.K
+    finer = {name: {"solid": {"brake": name, "size": size}} for name in ("disc", "inboard", "outboard")}
+    made = Scene({"scene": "brake", "part": finer}).models
+    system = fs.couple(made.full.parts, made.at({"mu": 0.0}), DISC)
+    contact = system.linearised(made.at({"mu": 0.0})).K - system.K
     # normals are tilted by rounding, so that DOF along the contact would join the parts for nothing
     contact.data[np.abs(contact.data) < DUST * np.abs(contact.data).max()] = 0.0
     contact.eliminate_zeros()
     start, interface = 0, []
     for name, part in system.parts.items():
-        if name in PADS:  # nothing holds a DOF of a pad, so that node i has the DOF 3 i to 3 i + 2
+        if name != "disc":  # nothing holds a DOF of a pad, so that node i has the DOF 3 i to 3 i + 2
             mesh, back = made.meshes[name], made.meshes[name].nodes("back")
             chosen = np.sort(about(mesh, back, mesh.points[back].mean(axis=0), nodes // 2))
             interface.append(start + (3 * chosen[:, None] + np.arange(3)).ravel())

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from benchmarks.pictures import commit, shown
-from femsub.app.scene import SCENES
+from femsub.app.grammar import built_in
 
-ROOT = Path(__file__).resolve().parents[1]
+SCENES, ROOT = built_in(), Path(__file__).resolve().parents[1]
 PAGE, RUNS, PICTURES = ROOT / "docs/gallery/index.md", ROOT / "docs/gallery/runs.json", ROOT / "docs/pictures/gallery"
 WIDTH = 1000  # pixels of a picture, at most
 
@@ -36,7 +36,7 @@ class Shown:
     alt: str
     teaches: str
     page: str  #: of the guide
-    text: str = ""  #: of the scene file, where the scene has no defaults to run with
+    text: str = ""  #: of the scene file, where the built-in one names files of your own
 
 
 #: docs/gallery/scenes.toml, in the order of the page.
@@ -89,10 +89,10 @@ def page(runs: dict[str, Any]) -> str:
              "Here they take those in `meshes`.", "",
              "[The paper's figures](paper.md) stand on a page of their own, beside ours.", "",
              "| scene | what it does | run time |", "|---|---|---|",
-             *(f"| [{scene}](#{scene}) | {line} | {seconds(runs[scene])} |" for scene, (_, line) in SCENES.items())]
-    for scene, (_, line) in SCENES.items():
+             *(f"| [{scene}](#{scene}) | {line} | {seconds(runs[scene])} |" for scene, line in SCENES.items())]
+    for scene, line in SCENES.items():
         shown = GALLERY[scene]
-        lines += ["", f"## {scene}", "", f"{line[0].upper()}{line[1:]}.", "",
+        lines += ["", f"## {scene}", "", line, "",
                   f"![{shown.alt}](../pictures/gallery/{scene}.png)", "", shown.teaches, "",
                   f"`scripts/femsub new {scene} > my.toml` · {seconds(runs[scene])} · {runs[scene]['megabytes']} MB · "
                   f"[guide](../guide/{shown.page}.md)"]

@@ -19,21 +19,20 @@ import femsub as fs
 from benchmarks.pictures import save
 from femsub.app.figure_style import PAGE, draw_panel, legend_below, new_figure
 from femsub.app.figures import PARTS, draw_solid, triad
-from femsub.app.scenes.brake import Brake, BrakeScene
-from femsub.app.scenes.joined_parts import by_kind
+from femsub.app.grammar import Scene
 from femsub.studies import flutter_chart
 
 
 def figure(count: int = 141) -> Any:
     """Left frequencies, with the cells of the proof, above growth rates, at `count` values of μ; right a mode that grows."""
-    brake = Brake(BrakeScene(), lambda _: None)
+    brake = Scene.from_file("brake").models
     # the small model, its modes, and those of the full one at a few values; seconds before and after each
-    band, mus, clock = brake.band, np.linspace(*brake.range, count), [time.process_time()]
-    small = fs.reduce(brake.system, fs.ParameterBox({"mu": brake.range}, band), contacts=brake.contacts(0.0))
+    band, mus, clock = brake.band, np.linspace(*brake.scene.parameters["mu"].range, count), [time.process_time()]
+    small = fs.reduce(brake.full, fs.ParameterBox({"mu": (mus[0], mus[-1])}, band), contacts=brake.at({"mu": 0.0}))
     clock.append(time.process_time())
     found = [small.modes(mu=mu) for mu in mus]
     clock.append(time.process_time())
-    full = {mu: fs.complex_modes(brake.system, brake.contacts(mu), band=band).eigenvalues for mu in brake.scene.full}
+    full = {mu: fs.complex_modes(brake.full, brake.at({"mu": mu}), band=band).eigenvalues for mu in (0.2, 0.4, 0.6)}
     made, each, once = np.diff([*clock, time.process_time()]) / [1, count, len(full)]
     radius = max(np.max(one.error_bar / np.abs(one.eigenvalues)) for one in found)
     error = max(np.abs(small.modes(mu=mu).eigenvalues / one - 1).max() for mu, one in full.items())  # both have as many
@@ -41,15 +40,15 @@ def figure(count: int = 141) -> Any:
     mu, modes = max(full), small.modes(mu=max(full))
     at = min(modes.unstable, key=lambda k: modes.eigenvalues[k].imag)
     value = modes.eigenvalues[at]
-    (_, (mesh, fields)), = by_kind(brake.system, brake.meshes, small.expand(modes.shapes[:, [at]])).items()
+    (_, (mesh, fields)), = brake.drawn(small.expand(modes.shapes[:, [at]])).items()
     shape = fields[..., 0] * np.exp(-1j * np.angle(fields.ravel()[np.abs(fields).argmax()]))
     drawn = new_figure(1.25 * PAGE, 6.2)
     axes = drawn.subplot_mosaic([["imag", "mode"], ["real", "mode"]], width_ratios=[1.2, 1])
-    scale = draw_solid(axes["mode"], mesh, shape.real, {"contact": brake.contact_nodes})
+    scale = draw_solid(axes["mode"], mesh, shape.real, {"contact": brake.marks["contact"]})
     drawn.colorbar(scale, ax=axes["mode"], label="|u| / max|u|  [-]", shrink=0.6)
     triad(axes["mode"])
     # the flutter diagram, where each branch that grows has a colour of its own, and where it begins to
-    lost = fs.critical_value(small, None, "mu", between=brake.range, band=band).losses
+    lost = fs.critical_value(small, None, "mu", between=(mus[0], mus[-1]), band=band).losses
     own, whole = f"small model up to {band[1] / (2 * np.pi):,.0f} Hz, {small.evidence}", f"full model, within {error:.0e} |λ|"
     chart = flutter_chart("", {own: fs.track(small, None, "mu", mus, band=band)}, {own: lost}, "", "", {whole: [*full.items()]})
     for part, unit, panel, linear in zip(("imag", "real"), (2 * np.pi, 1.0), chart.panels, ({}, {"y": 100.0}), strict=True):
@@ -68,8 +67,8 @@ def figure(count: int = 141) -> Any:
         (lo, hi), top = cell.ranges["mu"], cell.contour.sides[2] / (2 * np.pi)
         axes["imag"].plot([lo, lo, hi, hi], [0, top, top, 0], "k", lw=0.8, label=f"cell: {cell.number} λ, with conjugates")
         axes["imag"].text((lo + hi) / 2, top, f"{cell.number} λ", ha="center", va="bottom", fontsize=8)
-    axes["imag"].set(title="frequencies", ylabel="Im λ / 2π  [Hz]", ylim=(0, 1.1 * top), xlim=brake.range, xticklabels=[])
-    axes["real"].set(title="growth rates, logarithmic beyond 100 1/s", ylabel="Re λ  [1/s]", xlabel="μ  [-]", xlim=brake.range)
+    axes["imag"].set(title="frequencies", ylabel="Im λ / 2π  [Hz]", ylim=(0, 1.1 * top), xlim=mus[[0, -1]], xticklabels=[])
+    axes["real"].set(title="growth rates, logarithmic beyond 100 1/s", ylabel="Re λ  [1/s]", xlabel="μ  [-]", xlim=mus[[0, -1]])
     axes["mode"].set_title(f"mode at the star: μ = {mu:g}, {value.imag / (2 * np.pi):,.0f} Hz, Re λ = {value.real:.3g} 1/s")
     legend_below(drawn, axes.values(), 3)
     drawn.suptitle(f"A disc brake of {len(small.V):,} DOF over its friction: one small model of {small.size} DOF for all μ\n"

@@ -29,7 +29,7 @@ from benchmarks.pictures import NUMBERS, commit, plain, shown
 from benchmarks.processes import begin, put
 from femsub.algebra.petsc import versions
 from femsub.app import report
-from femsub.app.scene import SCENES
+from femsub.app.grammar import built_in
 
 ROOT = Path(__file__).resolve().parents[1]
 SHOWN = "data.json"  # of the pictures
@@ -62,13 +62,13 @@ def scene(name: str, says: str, *figures: str) -> Step:
 
 STEPS = (
     scene("chain", "The paper's chain. Ten masses on a belt: critical slopes, and error against run time.",
-          "error-time", "friction", "belt-sweep", "size-sweep", "eigenvalues"),
-    scene("beam", "Beam. A steel beam on a belt, 400 DOF.", "error-time"),
-    scene("plate", "Plate. A thin plate, 3,200 DOF.", "error-time"),
-    scene("solid", "Solid. A brake's disc, 7,920 DOF.", "error-time"),
+          "error-time", "friction-law", "growth", "size-sweep", "eigenvalues"),
+    scene("beam", "Beam. A steel beam on a belt, 400 DOF.", "compare"),
+    scene("plate", "Plate. A thin plate, 3,200 DOF.", "compare"),
+    scene("solid", "Solid. A brake's disc, 7,920 DOF.", "compare"),
     scene("scripts/long-chain.toml", "A chain of 100,000 masses. Beyond its border of stability."),
     scene("scripts/disc-transient.toml", "A disc in time. 10,800 DOF: what a simulated period costs, full and reduced."),
-    scene("brake", "A brake. Disc and two pads with friction between them: full and reduced.", "flutter", "error-time"),
+    scene("brake", "A brake. Disc and two pads with friction between them: full and reduced.", "flutter", "compare"),
     Step("brake-over-friction", "The README's picture. A brake over friction, by one small model with its proof, and a mode.",
          "readme-picture --out {out}", ("brake-over-friction",), table=False),
     Step("bases", "Bases of a slab. Ratios against SciPy and plain SLEPc, each in one run.", "bases --repeats 1 --out {out}"),
@@ -87,7 +87,7 @@ STEPS = (
     Step("tutorials", "The tutorials' pictures. Each from the model of its page.", "tutorial-figures --out {out}",
          folder="tutorials", table=False),
     *(Step(f"gallery-{name}", f"The gallery: {name}. {line}", f"gallery --run {name}", table=False)
-      for name, (_, line) in SCENES.items()),
+      for name, line in built_in().items()),
 )
 
 

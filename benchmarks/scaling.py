@@ -30,7 +30,7 @@ from benchmarks.pictures import save
 from benchmarks.processes import Row, StoppedError, begin, fresh, machine, peak_mb, warm_up
 from femsub.app import report
 from femsub.app.figure_style import draw
-from femsub.app.scene import Result
+from femsub.app.result import Result
 from femsub.studies.charts import Chart, Panel, Series
 from femsub.studies.tables import Table, table
 

@@ -119,7 +119,7 @@ def link_reference(app: Sphinx, document: str, text: list[str]) -> None:
     if document == "reference/index":
         for page, (title, *_) in generate.NAMES.items():
             text[0] = text[0].replace(f"| {title} |", f"| [{title}]({page}/index.md) |")
-        text[0] += "\n" + generate.scene_table("scenes/")
+        text[0] += "\n" + generate.family_table("scenes/") + "\n## Built-in scenes\n\n" + generate.scene_table("scenes/")
 
 
 def fill_in(app: Sphinx, document: str, text: list[str]) -> None:

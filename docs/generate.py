@@ -1,16 +1,18 @@
-"""Writes the reference's pages from the code: public names by what they are for, and the keys of each scene."""
+"""Writes the reference's pages from the code: public names by what they are for, built-in scenes, and the keys of each kind."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import femsub as fs
-from femsub.app.explain import toml
-from femsub.app.keys import Key, defaults_of, keys_of, type_words
-from femsub.app.scene import SCENES, scene_of
+from femsub.app.explain import TABLES, spelt, tables_of, toml
+from femsub.app.grammar import built_in, text_of
+from femsub.app.keys import Key, keys_of, type_words
+from femsub.app.kinds import Kinds
 
 #: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
 NAMES = {
@@ -28,6 +30,15 @@ NAMES = {
     "errors": ("Errors and warnings", "All of them are a `FemsubError` or a `FemsubWarning`.", ("errors",)),
 }
 
+#: families of kinds: title and one line
+FAMILIES = {
+    "part": ("Parts", "`[part.NAME]`: what is reduced and joined. The key that names the kind has the file, or what is made."),
+    "joint": ("Joints", "`[[joint]]` or `[joint.NAME]`: what connects parts, or holds them."),
+    "contact": ("Contacts", "`[contact.NAME]` or `[[contact]]`: friction, and other forces that are not reduced."),
+    "ask": ("Asks", "`[[ask]]`: what is computed, in the order of the file."),
+}
+#: tables that have one kind, and what heads them
+HEADINGS = {"scene": "Above all tables", "material": "material", "parameter": "parameter", "reduce": "reduce"}
 
 WIDE = "---\nhtml_theme.sidebar_secondary.remove: true\n---"  # a page of wide tables
 
@@ -70,23 +81,57 @@ def name_page(name: str) -> str:
 
 
 def scene_page(scene: str) -> str:
-    """What a scene is, and its keys in a table."""
-    kind, line = scene_of(scene)[0], SCENES[scene][1]
-    text = [" ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n")]
-    return "\n\n".join([WIDE, f"# {scene}", f"{line[0].upper()}{line[1:]}.", *text,
-                        f"`femsub new {scene} > my.toml` begins a file with these keys.",
-                        "## Keys", key_table(kind, defaults_of(kind, scene)), *inner_tables(kind, "")]) + "\n"
+    """What a built-in scene is, and its file."""
+    text = text_of(scene)
+    comments = list(takewhile(lambda line: line.startswith("#"), text.splitlines()))
+    about = [" ".join(part.split()) for part in "\n".join(line.lstrip("#") for line in comments).split("\n\n")]
+    file = "\n".join(text.splitlines()[len(comments):])
+    return "\n\n".join([f"# {scene}", *about,
+                        f"`femsub run {scene} --out DIR` runs it. `femsub new {scene} > my.toml` makes a file of your own. "
+                        f"A file that begins with `scene = \"{scene}\"` has these keys, and its own in place of some.",
+                        "## Its file", f"```toml\n{file}\n```"]) + "\n"
+
+
+def family_page(family: str) -> str:
+    """All kinds of a family, each with its keys."""
+    kinds = Kinds()
+    text = [WIDE, f"# {FAMILIES[family][0]}", FAMILIES[family][1], kind_table(family)]
+    for name in kinds.names(family):
+        text += [f"## {name}", *table_text(kinds.kind(family, name), name)]
+    return "\n\n".join(text) + "\n"
+
+
+def tables_page() -> str:
+    """The tables that have one kind each."""
+    text = [WIDE, "# Tables of one kind", "The keys above all tables, and `[material.NAME]`, `[parameter.NAME]` and `[reduce]`."]
+    for name, kind in TABLES.items():
+        text += [f"## {HEADINGS[name]}", *table_text(kind, name)]
+    return "\n\n".join(text) + "\n"
+
+
+def kind_table(family: str) -> str:
+    kinds = Kinds()
+    rows = "\n".join(f"| [{name}](#{name}) | {cell(first_line(kinds.kind(family, name)))} |" for name in kinds.names(family))
+    return f"| kind | what it is |\n|---|---|\n{rows}"
+
+
+def table_text(kind: type, name: str) -> Iterator[str]:
+    """What a table of a scene file is, and all its keys, also those of the tables within it."""
+    yield from (" ".join(part.split()) for part in inspect.cleandoc(kind.__doc__ or "").split("\n\n"))
+    yield key_table(kind)
+    yield from inner_tables(kind, f"{name}." if name in TABLES else "")
 
 
 def inner_tables(kind: type, where: str) -> Iterator[str]:
     for name, one in keys_of(kind).items():
-        if (table := one.table) is not None:
-            yield f"## Keys of {where}{name}\n\n{key_table(table, defaults_of(table))}"
-            yield from inner_tables(table, f"{where}{name}.")
+        for table in tables_of(one):
+            heading = f"Keys of {where}{spelt(kind, name)}" + f", {first_line(table).rstrip('.')}" * (len(tables_of(one)) > 1)
+            yield f"### {heading}\n\n{key_table(table)}"
+            yield from inner_tables(table, f"{where}{spelt(kind, name)}.")
 
 
-def key_table(kind: type, defaults: Mapping[str, Any]) -> str:
-    rows = [[f"`{name}`", type_of(one, kind), default_of(one, defaults[name]), one.meaning, one.unit]
+def key_table(kind: type) -> str:
+    rows = [[f"`{spelt(kind, name)}`", type_of(one, kind), default_of(one), one.meaning, one.unit]
             for name, one in keys_of(kind).items()]
     return "\n".join(["| key | type | default | meaning | unit |", "|---|---|---|---|---|",
                       *(f"| {' | '.join(map(cell, row))} |" for row in rows)])
@@ -98,18 +143,24 @@ def type_of(one: Key, owner: type) -> str:
     return words + (": " + ", ".join(f"`{word}`" for word in one.choices(owner)) if one.choices else "")
 
 
-def default_of(one: Key, default: Any) -> str:
+def default_of(one: Key) -> str:
     if one.required:
         return "required"
-    return one.otherwise or ("" if default in (None, "", []) else f"`{toml(default)}`")
+    return one.otherwise or ("" if one.default in (None, "", [], {}) else f"`{toml(one.default)}`")
 
 
 def cell(text: str) -> str:
     return text.replace("|", r"\|")
 
 
+def family_table(folder: str = "") -> str:
+    rows = "\n".join(f"| [{title}]({folder}kinds/{family}.md) | {line} |" for family, (title, line) in FAMILIES.items())
+    return ("| page | what stands there |\n|---|---|\n"
+            f"| [Tables of one kind]({folder}kinds/tables.md) | units, band, materials, parameters, reduction |\n{rows}\n")
+
+
 def scene_table(folder: str = "") -> str:
-    rows = "\n".join(f"| [{name}]({folder}{name}.md) | {line} |" for name, (_, line) in SCENES.items())
+    rows = "\n".join(f"| [{name}]({folder}{name}.md) | {line} |" for name, line in built_in().items())
     return f"| scene | what it does |\n|---|---|\n{rows}\n"
 
 
@@ -118,8 +169,11 @@ def pages() -> dict[str, str]:
     made: dict[str, str] = {}
     for page, names in names_by_page().items():
         made |= {f"{page}/index.md": names_page(page, names), **{f"{page}/{place(name)}.md": name_page(name) for name in names}}
-    made |= {f"scenes/{scene}.md": scene_page(scene) for scene in SCENES}
-    made["scenes/index.md"] = f"# Keys of scenes\n\nEvery key of every scene file.\n\n{scene_table()}"
+    made |= {f"scenes/{scene}.md": scene_page(scene) for scene in built_in()}
+    made |= {f"scenes/kinds/{family}.md": family_page(family) for family in FAMILIES}
+    made["scenes/kinds/tables.md"] = tables_page()
+    made["scenes/index.md"] = ("# Scene files\n\n[Scenes](../../guide/scenes.md) is the page to read first. These pages have "
+                               f"every key of every table.\n\n{family_table()}\n## Built-in scenes\n\n{scene_table()}")
     return made
 
 

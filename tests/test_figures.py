@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from femsub.app.scene import load
+from femsub.app.grammar import Scene
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.reduce import METHODS
@@ -301,17 +301,27 @@ def test_the_belt_sweep_compares_all_models_in_one_panel() -> None:
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "keys"), [
-    ("chain", 'belts = [1, 2]\nsizes = [3, 5]\nrepeats = 1\n'),
-    ("chain-parts", 'n = 12\nparts = [2]\nmodes = [2]\nrepeats = 1\n'),
-    ("chain-transient", 'time = [0, 300]\nwindow = [100, 300]\nlength = 100\n'),
-    ("two-mode", "points = 11\n")])
+    ("chain", """reduce.sizes = [3, 5]
+reduce.repeats = 1
+ask = [{friction-law = [0.1, 0.01]}, {critical = "slope"}, {growth = "slope", points = 10, vary = {"part.chain.belt" = [1, 2]}},
+       {complex-modes = "all", every = true}, {compare = ["growth", "critical", "held"]}]
+"""),
+    ("chain-parts", """part.chain.chain = 12
+reduce.modes = [2]
+reduce.repeats = 1
+ask = [{compare = ["growth", "critical", "held"], vary = {"part.chain.cut" = [2]}}]
+"""),
+    ("chain-transient", """ask = [{motion = [0, 300], window = [100, 300], length = 100, show = ["growth", "quality", "signals", "spectrum",
+       "spectrogram"]}]
+"""),
+    ("two-mode", """ask = [{critical = "mu"}, {flutter = "mu", points = 11, vary = {"parameter.d.value" = [0.0, 0.05]}}]
+""")])
 def test_figures_have_units_texts_that_can_be_read_and_legends_beside_the_data(name: str, keys: str, tmp_path: Any) -> None:
     from matplotlib import rc_context
     from matplotlib.text import Text
 
     (tmp_path / "scene.toml").write_text(f'scene = "{name}"\n{keys}')
-    scene, run = load(str(tmp_path / "scene.toml"))
-    drawings = run(scene, lambda _: None).drawings
+    drawings = Scene.from_file(tmp_path / "scene.toml").run(lambda _: None).drawings
     assert drawings
     for title, made in drawings.items():
         with rc_context(STYLE):

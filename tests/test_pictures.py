@@ -16,8 +16,7 @@ from benchmarks import users_picture as users
 from benchmarks.extreme import CASES
 from benchmarks.pictures import FACTOR, differences, lines, plain, shown
 from femsub.app.cli import main
-from femsub.app.scene import SCENES
-from femsub.app.scenes.brake import Brake, BrakeScene
+from femsub.app.grammar import Scene, built_in
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
@@ -28,7 +27,7 @@ RUNS = json.loads((ROOT / "docs" / "gallery" / "runs.json").read_text(encoding="
 def test_every_picture_has_its_commit_and_its_numbers() -> None:
     drawn = {path.relative_to(PICTURES).as_posix() for path in PICTURES.rglob("*.png")}
     assert drawn == {*DATA, *(f"gallery/{name}.png" for name in RUNS)}
-    assert list(RUNS) == list(SCENES)
+    assert list(RUNS) == list(built_in())
     for name, one in {**DATA, **RUNS}.items():
         assert re.fullmatch(r"[0-9a-f]{7,40}", one["commit"]), (name, one["commit"])  # none that was changed
         assert one["shows"], name
@@ -36,24 +35,30 @@ def test_every_picture_has_its_commit_and_its_numbers() -> None:
 
 def today(folder: Path, scene: str, keys: str) -> list[dict[str, Any]]:
     """What the figure of error against run time would show."""
-    (folder / "scene.toml").write_text(f'scene = "{scene}"\noutputs = ["error-time"]\nfigures = false\n{keys}', encoding="utf-8")
+    (folder / "scene.toml").write_text(f'scene = "{scene}"\nfigures = false\n{keys}', encoding="utf-8")
     assert main(["run", str(folder / "scene.toml"), "--quiet", "--out", str(folder / "out")]) == 0
-    return shown(json.loads((folder / "out" / "results.json").read_text(encoding="utf-8")), "error-time")
+    return shown(json.loads((folder / "out" / "results.json").read_text(encoding="utf-8")), "compare")
+
+
+COMPARED = "reduce.repeats = 1\n[[ask]]\ncompare = ['growth', 'critical']\n"
 
 
 @pytest.mark.parametrize(("scene", "keys"), [
-    ("chain", "sizes = [4, 5, 9]\nrepeats = 1\n"),
-    ("beam", "modes = [8, 20]\nrepeats = 1\n"),
-    pytest.param("plate", "modes = [8, 20]\nrepeats = 1\n", marks=pytest.mark.slow),
-    pytest.param("solid", "modes = [10, 40]\nrepeats = 1\n", marks=pytest.mark.slow),
+    ("chain", "reduce.repeats = 1\n[[ask]]\ncompare = ['growth', 'critical']\n"
+     "vary = {'part.chain.interface' = [[1], [1, 'belt']], 'reduce.sizes' = [[4, 5, 9]]}\n"),
+    ("beam", f"reduce.modes = [8, 20]\n{COMPARED}"),
+    pytest.param("plate", f"reduce.modes = [8, 20]\n{COMPARED}", marks=pytest.mark.slow),
+    pytest.param("solid", f"reduce.modes = [10, 40]\n{COMPARED}", marks=pytest.mark.slow),
     # one value of mu, and a narrow range about the loss: a third of the time of three values and a wide range, the same errors
-    pytest.param("brake", 'methods = ["craig-bampton"]\nmodes = [60]\nfull = [0.6]\nmu = [0.217, 0.226]\n',
+    pytest.param("brake", "reduce.methods = [['craig-bampton', 'contact-modes'], 'contact-modes']\nreduce.modes = [60]\n[[ask]]\n"
+                 "compare = ['growth', 'critical']\nparameter = 'mu'\nvalues = [0.6]\nbetween = [0.217, 0.226]\n",
                  marks=pytest.mark.slow)])
 def test_a_picture_shows_the_errors_of_today(scene: str, keys: str, tmp_path: Path) -> None:
     """Over the size: seconds are those of one machine."""
     found = today(tmp_path, scene, keys)
     assert sum(len(row["DOF"]) for row in found) >= 4
-    assert not differences(DATA[f"{scene}-error-time.png"]["shows"], found)
+    drawn = "chain-error-time" if scene == "chain" else f"{scene}-compare"
+    assert not differences(DATA[f"{drawn}.png"]["shows"], found)
 
 
 def test_a_picture_older_than_the_code_is_noticed() -> None:
@@ -103,8 +108,8 @@ def test_the_readme_s_picture_shows_the_brake_of_today() -> None:
     """The mode that is drawn on the mesh, by the full model."""
     (mu, hertz), (_, growth) = ((row["x"][0], row["y"][0]) for row in DATA["brake-over-friction.png"]["shows"]
                                 if row.get("line") == "mode on the right")
-    brake, omega = Brake(BrakeScene(), lambda _: None), 2 * np.pi * hertz
-    modes = fs.complex_modes(brake.system, brake.contacts(mu), band=(0.998 * omega, 1.002 * omega))
+    brake, omega = Scene.from_file("brake").models, 2 * np.pi * hertz
+    modes = fs.complex_modes(brake.full, brake.at({"mu": mu}), band=(0.998 * omega, 1.002 * omega))
     assert np.abs(modes.eigenvalues / complex(growth, omega) - 1).min() < 1e-3  # of its four digits
     assert modes.growth == pytest.approx(growth, rel=1e-3)
 

@@ -22,13 +22,15 @@ import scipy.io
 import femsub as fs
 from benchmarks.pages import BLOCK, GIVEN, blocks_of, differences, run
 from femsub.app.cli import main
+from femsub.app.grammar import Scene, parsed
+from femsub.app.kinds import FAMILIES, Kinds
 from femsub.components import disc_pair
 
 ROOT = Path(__file__).parent.parent
 #: All pages but those that the site's build makes.
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(
     page for page in sorted((ROOT / "docs").rglob("*.md")) if "_build" not in page.parts
-    and (page.name == "index.md" or "reference" not in page.parts) and page.parts[-3:-1] != ("reference", "scenes"))]
+    and (page.name == "index.md" or "reference" not in page.parts) and "scenes" not in page.parts)]
 TEXTS = {page.relative_to(ROOT).with_suffix("").as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in BLOCK.findall(text)]
 
@@ -116,9 +118,24 @@ def test_commands_exist_and_the_scenes_they_name() -> None:
             continue
         assert (ROOT / script).stat().st_mode & 0o111, f"{script} cannot be executed"
         if words[:1] == ["run"] and words[1] != "my.toml":  # that is the block before, which `test_scene_files` runs
-            from femsub.app.scene import load
+            Scene.from_file(words[1])
 
-            load(words[1])
+
+def test_each_kind_is_used_in_a_scene_file_of_the_guide_and_the_page_on_scenes_names_it() -> None:
+    kinds, used = Kinds(), set[tuple[str, str]]()
+    for text in (text for page, kind, text in BLOCKS if kind == "toml"):
+        table = parsed(text, "a block")
+        for family in FAMILIES:
+            tables = table.get(family, {})
+            for one in tables if isinstance(tables, list) else tables.values():
+                used |= {(family, name) for name in kinds.names(family) if name in one}
+    every = {(family, name) for family in FAMILIES for name in kinds.names(family)}
+    assert used == every
+    assert all(f"`{name}`" in TEXTS["docs/guide/scenes"] for _, name in every)
+
+
+def test_the_page_on_scenes_fits_on_two_screens() -> None:
+    assert len(TEXTS["docs/guide/scenes"].splitlines()) <= 100
 
 
 def anchors(text: str) -> set[str]:

@@ -1,4 +1,4 @@
-"""What the site makes from the code: no public name, no key of a scene and no scene of the gallery is missing."""
+"""What the site makes from the code: no public name, no key of a kind and no scene of the gallery is missing."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import importlib.util
 import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,10 @@ import pytest
 
 import femsub as fs
 from benchmarks import gallery
+from femsub.app.explain import TABLES, spelt, tables_of
+from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.keys import keys_of
-from femsub.app.scene import SCENES, load, scene_of
+from femsub.app.kinds import FAMILIES, Kinds
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -55,18 +58,32 @@ def test_the_reference_s_first_page_names_all_pages() -> None:
     assert [title for title, *_ in generate.NAMES.values()] == re.findall(r"^\| (.+?) \|", text, re.MULTILINE)[1:]
 
 
-@pytest.mark.parametrize("scene", SCENES)
-def test_the_reference_has_every_key_of_a_scene(scene: str) -> None:
-    def expected(kind: type) -> list[str]:
-        own = keys_of(kind)
-        return [*own, *(key for one in own.values() if (table := one.table) for key in expected(table))]
+ALL_KINDS = [*(("tables", name, kind) for name, kind in TABLES.items()), *(
+    (family, name, Kinds().kind(family, name)) for family in FAMILIES for name in Kinds().names(family))]
 
-    rows = re.findall(r"^\| `(\w+)` \|(.*)\|$", PAGES[f"scenes/{scene}.md"], re.MULTILINE)
-    assert [name for name, _ in rows] == expected(scene_of(scene)[0])
-    for name, one in keys_of(scene_of(scene)[0]).items():
-        type_, default, meaning, unit = (cell.strip() for cell in re.split(r"(?<!\\)\|", dict(reversed(rows))[name]))
+
+@pytest.mark.parametrize(("page", "name", "kind"), ALL_KINDS, ids=[f"{page}-{name}" for page, name, _ in ALL_KINDS])
+def test_the_reference_has_every_key_of_a_kind(page: str, name: str, kind: Any) -> None:
+    def expected(kind: Any) -> list[tuple[str, Any]]:
+        own = [(spelt(kind, field), one) for field, one in keys_of(kind).items()]
+        return own + [pair for _, one in own for table in tables_of(one) for pair in expected(table)]
+
+    heading = generate.HEADINGS.get(name, name) if page == "tables" else name
+    text = PAGES[f"scenes/kinds/{page}.md"].split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `([\w-]+)` \|(.*)\|$", text, re.MULTILINE)
+    assert [key for key, _ in rows] == [key for key, _ in expected(kind)]
+    for (_, row), (_, one) in zip(rows, expected(kind), strict=True):
+        type_, default, meaning, unit = (cell.strip() for cell in re.split(r"(?<!\\)\|", row))
         assert meaning.replace(r"\|", "|") == one.meaning and unit == one.unit and type_
         assert (default == "required") == one.required
+
+
+@pytest.mark.parametrize("scene", built_in())
+def test_the_reference_has_the_file_of_a_scene(scene: str) -> None:
+    text = PAGES[f"scenes/{scene}.md"]
+    file = text.split("```toml\n")[1].split("```")[0]
+    assert file.strip() and tomllib.loads(file) == tomllib.loads(text_of(scene))
+    assert built_in()[scene] in text and f"({scene}.md)" in PAGES["scenes/index.md"]
 
 
 # the gallery
@@ -75,12 +92,12 @@ RAN: dict[str, Any] = json.loads(gallery.RUNS.read_text(encoding="utf-8"))
 
 
 def test_the_gallery_shows_every_scene() -> None:
-    assert list(SCENES) == list(RAN) and set(gallery.GALLERY) == set(SCENES)
+    assert list(built_in()) == list(RAN) and set(gallery.GALLERY) == set(built_in())
     assert gallery.PAGE.read_text(encoding="utf-8") == gallery.page(RAN), "python -m benchmarks gallery"
-    assert set(SCENES) == set(re.findall(r"\]\(\.\./pictures/gallery/([\w-]+)\.png\)", gallery.page(RAN)))
+    assert set(built_in()) == set(re.findall(r"\]\(\.\./pictures/gallery/([\w-]+)\.png\)", gallery.page(RAN)))
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", built_in())
 def test_a_scene_of_the_gallery_has_a_small_picture_and_two_sentences(scene: str) -> None:
     shown = gallery.GALLERY[scene]
     assert (gallery.PICTURES / f"{scene}.png").stat().st_size < 150e3
@@ -90,7 +107,8 @@ def test_a_scene_of_the_gallery_has_a_small_picture_and_two_sentences(scene: str
 
 @pytest.mark.parametrize("scene", [name for name, shown in gallery.GALLERY.items() if shown.text])
 def test_a_scene_file_of_the_gallery_is_a_scene_s(scene: str, tmp_path: Path) -> None:
-    assert isinstance(load(gallery.scene_file(scene, tmp_path))[0], scene_of(scene)[0])
+    found, own = Scene.from_file(gallery.scene_file(scene, tmp_path)), tomllib.loads(text_of(scene))
+    assert found.name == scene and set(found.parts) == set(own["part"]) and len(found.asks) == len(own["ask"])
 
 
 # formulas

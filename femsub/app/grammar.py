@@ -33,11 +33,11 @@ from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, Joint, facing_set
+from femsub.app.joints import GROUND, JointKind, facing_set
 from femsub.app.keys import key, keys_of, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
-from femsub.app.parts import MaterialKeys, Part, Site
+from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
 from femsub.checks import resolved, word
 from femsub.errors import FemsubError, InputError, unknown_name
@@ -161,6 +161,7 @@ class Scene:
         self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         self._allowed = allowed
         faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
@@ -259,14 +260,14 @@ class Scene:
                     kind: Any = families[family]
                 else:
                     kind = None
-                    with faults.at(place):
+                    with faults.at((*place, next(iter(one), "kind"))):
                         kind = self.kinds.of(family, one)
                 if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
         self.parts: dict[str, Part] = found["part"]
-        self.joints: dict[str, Joint] = found["joint"]
+        self.joints: dict[str, JointKind] = found["joint"]
         self.contacts: dict[str, ContactKind] = found["contact"]
         self.asks: list[Ask] = list(found["ask"].values())
         given = table.get("reduce")
@@ -312,7 +313,11 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
-            self.store[place] = part.mesh(self.site(name))
+            from femsub.io import texts_read
+
+            with texts_read() as texts:
+                self.store[place] = part.mesh(self.site(name))
+            self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
@@ -338,7 +343,7 @@ class Scene:
         name, _, rest = end.partition(".")
         return name, rest
 
-    def site(self, name: str) -> Site:
+    def site(self, name: str) -> PartSite:
         """Where a part is made, with what others need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
@@ -349,7 +354,7 @@ class Scene:
         for contact in self.contacts.values():
             interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
         flat = [one for several in interface for one in several]
-        return Site(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
+        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
 
     def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
         """The sets or DOF of the interface that an end names."""
@@ -378,20 +383,22 @@ class Scene:
         for name, part in self.parts.items():
             with faults.at(("part", name)):
                 meshes[name] = mesh = self.mesh(name)
+                known = {**mesh.sets, **mesh.groups} if mesh is not None else {}
                 for key_, one in part.sets_named() if mesh is not None else ():
-                    if one not in (known := {**mesh.sets, **mesh.groups}):
+                    if one not in known:
                         faults.add(("part", name, key_), unknown_name("set", one, known))
             for material in self._materials_of(part):
                 if material not in self.materials:
                     faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
         links: list[set[str]] = []
         for family, several in (("joint", self.joints), ("contact", self.contacts)):
-            for name, one in several.items():
-                place = (*self.place(family, name), type(one).KIND)
-                ends = [*(one.ends if isinstance(one, Joint) else (*one.places, *one.surfaces))]
+            for name, joint in several.items():
+                place = (*self.place(family, name), type(joint).KIND)
+                ports = joint.places if isinstance(joint, ContactKind) else []
+                ends = [*ports, *(joint.surfaces if isinstance(joint, ContactKind) else joint.ends)]
                 for end in ends:
                     with faults.at(place):
-                        self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)
+                        self._check_end(end, meshes, port=end in ports)
                 links.append({self._part_of(end) for end in ends} - {GROUND})
         if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
             faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub scenes`")
@@ -408,15 +415,15 @@ class Scene:
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
-                if not self.variant:
-                    with faults.at(("ask", at, "vary")):
-                        self._check_varied(ask)
+        if not faults.found and not self.variant:
+            for at, ask in enumerate(self.asks):
+                with faults.at(("ask", at, "vary")):
+                    self._check_varied(ask)
 
     def _check_varied(self, ask: Ask) -> None:
         """Refuses keys that are not there, and values that they cannot have."""
-        for path, values in ask.vary.items():
-            if not values:
-                raise InputError(f"{path!r} has no values")
+        if empty := [path for path, values in ask.vary.items() if not values]:
+            raise InputError(f"{empty[0]!r} has no values")
         for values in product(*ask.vary.values()) if ask.vary else ():
             self.varied(dict(zip(ask.vary, values, strict=True)))
 
@@ -450,9 +457,7 @@ class Scene:
         if type(part).KIND == "affine":
             raise InputError(f"{name!r} is a pencil of matrices, which can be neither joined nor under a contact")
         if port:
-            ports = part.port_names
-            if rest not in ports or mark != ".":
-                raise unknown_name(f"port of {name!r}", rest or end, ports)
+            part.check_port(name, rest if mark == "." else end)
             return
         if mark == ":":
             if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):
@@ -504,7 +509,7 @@ class Scene:
 
     def without_figures(self) -> Self:
         """The scene, which draws nothing."""
-        self.figures = False
+        self.figures = self.table["figures"] = False
         return self
 
     def __repr__(self) -> str:

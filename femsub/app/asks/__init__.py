@@ -87,7 +87,7 @@ class Ask(Kind):
 
 def shown(value: Any) -> Any:
     """A value of `vary` in a table."""
-    return "{" + ", ".join(map(str, value)) + "}" if isinstance(value, list) else value
+    return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
 
 
 def parameter_of(scene: Scene, name: str) -> None:
@@ -103,7 +103,7 @@ def parameter_of(scene: Scene, name: str) -> None:
         return
     names = {one for contact in scene.contacts.values() for one in contact.parameters()}
     for part in scene.parts.values():
-        names |= set(getattr(part, "names", ()))
+        names |= set(part.names)
     names |= {one for one, keys in scene.parameters.items() if keys.acts}
     if name not in names:
         raise unknown_name("parameter", name, names)
@@ -130,7 +130,7 @@ def check_bounds(scene: Scene, name: str, values: Iterable[float]) -> None:
     """Refuses values of a parameter that the keys of contacts do not admit."""
     for contact in scene.contacts.values():
         if name in contact.parameters():
-            check_value(keys_of(type(contact))[name], name, list(values), type(contact))
+            check_value(keys_of(type(contact))[name], list(values), type(contact), name)  # type: ignore[arg-type]
 
 
 def check_factors(scene: Scene, ask: Ask, name: str, between: tuple[float, float]) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Critical(Ask):
+class CriticalAsk(Ask):
     """The first loss of stability over a parameter, and with `every` all losses and regains with their proof.
 
     'slope' of a belt is the largest dμ/dv ≤ 0 at which a mode of the band reaches the axis. It has no range.

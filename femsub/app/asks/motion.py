@@ -20,7 +20,7 @@ from femsub.motion import sliding
 from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
 
 if TYPE_CHECKING:
-    from femsub import ComplexModes as Found, Transient
+    from femsub import ComplexModes, Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
     from femsub.app.result import Result
@@ -44,7 +44,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Motion(Ask):
+class MotionAsk(Ask):
     """Each model moves under its contacts from its own steady sliding and a blow on a port."""
 
     motion: list[float] = key([], "the time, [from, to]", unit="time", form="[from, to]", required=True, example=[0.0, 500.0])
@@ -76,8 +76,9 @@ class Motion(Ask):
                     raise InputError(f"contact {name}: {error}") from None
         if self.observe:
             part, _, port = self.observe.partition(".")
-            if part not in scene.parts or port not in scene.parts[part].port_names:
-                raise unknown_name("port", self.observe, [f"{name}.{one}" for name, part in scene.parts.items() for one in part.port_names])
+            if part not in scene.parts:
+                raise unknown_name("part", part, scene.parts)
+            scene.parts[part].check_port(part, port)
         elif not any(one.places for one in scene.contacts.values()):
             raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is shown")
         if self.window and (self.window[0] < self.motion[0] or self.window[1] > self.motion[1]):
@@ -256,7 +257,7 @@ def whole(run: Transient) -> Transient:
     return run
 
 
-def most_unstable(found: Found) -> int | None:
+def most_unstable(found: ComplexModes) -> int | None:
     """The complex mode below a model's cut-off that grows fastest; None where none grows."""
     at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff & (found.eigenvalues.real > 0))
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Response(Ask):
+class ResponseAsk(Ask):
     """h(ω), the motion at a place per force at another, and a bound of each reduced model's error."""
 
     response: list[str] = key([], "the places that are driven, 'part.port'; one alone is driven and observed", required=True,
@@ -40,8 +40,7 @@ class Response(Ask):
             name, _, port = place.partition(".")
             if name not in scene.parts:
                 raise unknown_name("part", name, scene.parts)
-            if port not in scene.parts[name].port_names:
-                raise unknown_name(f"port of {name!r}", port, scene.parts[name].port_names)
+            scene.parts[name].check_port(name, port)
         if self.loss and len(scene.parts) > 1:
             raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
 
