@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.app.asks.branch import Branch as Ask, repeats
+from femsub.app.asks.branch import BranchAsk, repeats
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.app.grammar import Scene
@@ -79,7 +79,7 @@ def test_a_bad_scene_ends_in_a_line_or_two(tmp_path: Path, capsys: pytest.Captur
 
 SCENE = Scene({"scene": "chain-limit-cycle", "contact": {"belt": {"speed": 1.0, "eps": 0.02}}})
 RUBBING = SCENE.models.contacts[0]
-SPEED = Ask(branch="speed", dots=2, periods=10, dots_from="cycle")
+SPEED = BranchAsk(branch="speed", dots=2, periods=10, dots_from="cycle")
 
 
 @pytest.fixture(scope="module")
