@@ -172,10 +172,10 @@ def test_what_does_not_fit_is_told(change: tuple[str, str], words: str, tmp_path
 def test_a_band_counts_and_an_empty_one_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Between 0.5 and 1.1 the mode that grows is outside; above 5 there is none to draw, and the other ask is kept."""
     asks = '[[ask]]\ncritical = "speed"\n[[ask]]\nflutter = "speed"\npoints = 5\n'
-    told = run(tmp_path, f'scene = "affine"\nband = [0.5, 1.1]\nunits = "SI"\n{asks}')
+    told = run(tmp_path, f'scene = "affine"\nfigures = false\nband = [0.5, 1.1]\nunits = "SI"\n{asks}')
     assert [row["stability"] for row in told["critical"]] == ["never lost"]
     assert "modes from 0.5 to 1.1 rad/s (0.07958 to 0.1751 Hz)" in " ".join(capsys.readouterr().out.split())
-    (tmp_path / "scene.toml").write_text(f'scene = "affine"\nband = [5.0, 20.0]\n{asks}', encoding="utf-8")
+    (tmp_path / "scene.toml").write_text(f'scene = "affine"\nfigures = false\nband = [5.0, 20.0]\n{asks}', encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) != 0
     told = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     assert told["critical"] and "has no mode from 5 to 20 rad/time anywhere" in told["failed"]["flutter"]

@@ -138,7 +138,7 @@ def test_below_the_critical_mu_nothing_is_unstable(tmp_path: Path, capsys: pytes
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("[parameter.mu]\nbetween = [-0.1, 0.5]", "parameter.mu: mu must not be negative, but is -0.1"),
+    ("[parameter.mu]\nbetween = [-0.1, 0.5]", "parameter.mu: it must not be negative, but is -0.1"),
     ("[parameter.mu]\nbetween = [0.5, 0.1]", "parameter.mu.between"),
     ("[contact.inboard]\nmu = -0.5", "contact.inboard.mu: it must not be negative"),
     ("[contact.inboard]\nstiffness = 0.0", "contact.inboard.stiffness: it must be positive"),
@@ -189,5 +189,5 @@ def test_a_face_that_lies_beside_the_track_is_told() -> None:
     meshes = brake_meshes(0.08)
     disc = meshes["disc"].with_sets(inboard=half(meshes["disc"], "inboard"))
     with pytest.MonkeyPatch.context() as patch, pytest.warns(fs.FemsubWarning, match=r"only 4\d% of the face 'face' of 'inb"):
-        patch.setattr("femsub.app.parts.solid.brake_meshes", lambda size: meshes | {"disc": disc})
+        patch.setattr("femsub.app.parts.solid._brake", lambda size: meshes | {"disc": disc})
         assert brake_models(0.08).full.size

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.app.asks.branch import Branch as Ask, repeats
+from femsub.app.asks.branch import BranchAsk, repeats
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.app.grammar import Scene
@@ -65,7 +65,7 @@ def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.Captur
     ('[[ask]]\nbranch = "slope"\nfamilies = 0', "at least 1"), ("[[ask]]\ncycles = 0", "at least 1"),
     ('[[ask]]\nbranch = "slope"\nbetween = [1.0]', "ask 1.between: it must be [lo, hi]"),
     ('[[ask]]\nbranch = "slope"\ndots = -1', "at least 0"),
-    ('[[ask]]\nbranch = "slope"\ndots_from = "rest"', "dots_from: unknown it 'rest'"),
+    ('[[ask]]\nbranch = "slope"\ndots_from = "rest"', "ask 1.dots_from: unknown dots_from 'rest'"),
     ("[contact.belt]\nforce = 0.001", "no cycle begins"),
 ])
 def test_a_bad_scene_ends_in_a_line_or_two(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
@@ -79,7 +79,7 @@ def test_a_bad_scene_ends_in_a_line_or_two(tmp_path: Path, capsys: pytest.Captur
 
 SCENE = Scene({"scene": "chain-limit-cycle", "contact": {"belt": {"speed": 1.0, "eps": 0.02}}})
 RUBBING = SCENE.models.contacts[0]
-SPEED = Ask(branch="speed", dots=2, periods=10, dots_from="cycle")
+SPEED = BranchAsk(branch="speed", dots=2, periods=10, dots_from="cycle")
 
 
 @pytest.fixture(scope="module")

@@ -154,7 +154,7 @@ def test_a_variable_that_stands_twice_costs_little_and_a_pole_has_no_bound() -> 
 
 @pytest.mark.parametrize("law", [fs.StribeckArctan(eps=0.05), fs.StribeckArctanOdd(eps=0.05)])
 def test_the_slope_of_a_friction_law_and_a_factor_of_a_scene_have_proved_ranges(law: fs.FrictionLaw) -> None:
-    written = Factor(Expression("mu * (1 - speed / 40) + sqrt(speed) * exp(-speed)", "K[0]"), "speed", (("mu", 0.3),))
+    written = Factor(Expression("mu * (1 - speed / 40) + sqrt(speed) * exp(-speed)", "K[0]"), ("speed",), (("mu", 0.3),))
     family = fs.Affine(ONE, [(lambda speed: law.slope(speed), ONE)], [(written, ONE)])
     for ends in ((0.0, 0.3), (0.1, 2.0)):
         lo, hi, proved = family.factor_ranges({"speed": ends})

@@ -341,7 +341,8 @@ def test_the_scene_tells_what_was_read_and_how_far_it_is_from_nastran(tmp_path: 
     theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:12])
     parts = "".join(f'[part.{name}]\nsuperelement = "{DATA / name}board.asm"\n' for name in ("in", "out"))
     data = scene(tmp_path, f'scene = "superelements"\n{parts}[reduce]\nmethods = ["CC"]\nmodes = [4, 8]\nrepeats = 1\n'
-                           f'[[ask]]\naudit = "parts"\n[[ask]]\nmodes = "band"\nreference = {[*theirs, 1e4]}\n[[ask]]\ncompare = ["growth"]\n')
+                           f'[[ask]]\naudit = "parts"\n[[ask]]\nmodes = "band"\nreference = {[*theirs, 1e4]}\n'
+                           '[[ask]]\ncompare = ["growth"]\n')
     assert "6 of 7 reference frequencies are met by modes of the model, within" in capsys.readouterr().out
     rows = data["modes"]["rows"][6:]
     assert [row["reference"] for row in rows] == theirs.tolist() and max(row["difference"] for row in rows) < 5e-8

@@ -83,7 +83,8 @@ def test_study_table_and_figures_name_it(second: Any) -> None:
     figure = draw(error_time_chart([("{m1}", found)]))
     assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == ["Craig-Chang", LABEL]
     assert any((line.get_color(), line.get_marker()) == (COLOUR, "D") for line in figure.axes[0].lines)
-    rows = [{"model": KEY, "modes": size - 2, "size": size, "value": -0.1, "error": error} for size, error in ((3, 0.1), (4, 0.01))]
+    rows = [{"model": KEY, "modes": size - 2, "size": size, "value": -0.1, "error": error}
+            for size, error in ((3, 0.1), (4, 0.01))]
     line = draw(critical_chart(rows, (), "slope", "chain")).axes[0].lines[0]
     assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
 

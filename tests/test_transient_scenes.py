@@ -213,7 +213,7 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
         raise AssertionError("a run began")
 
     interrupted(monkeypatch, 2)  # after the long run; of CC with 18 DOF nothing grows below the cut-off: the next is of 30 DOF
-    monkeypatch.setattr("femsub.app.asks.compare_motion.CompareMotion.run", never)
+    monkeypatch.setattr("femsub.app.asks.compare_motion.CompareMotionAsk.run", never)
     out = tmp_path / "out"
     text = "figures = false\n" + LONG.replace("150", "40") + BESIDE.replace("150", "40")
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
