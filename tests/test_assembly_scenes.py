@@ -11,29 +11,34 @@ import pytest
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figures import _far_to_near
-from femsub.app.scenes import solid_parts
+from femsub.app.grammar import Scene
 
-STEEL = fs.Material(2.1e11, 0.3, 7850.0)
+POSTS = [f"post{i}" for i in range(1, 5)]
+GLUED = [*POSTS, "carrier", "pad"]  # those whose lower face lies within another part's upper one
 
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("fineness", "kind"), [(1, "hexahedron"), (2, "hexahedron"), (1, "hexahedron27")])
 def test_the_assembly_is_joined_at_any_fineness(fineness: int, kind: str) -> None:
     """Each glued surface lies within the other, no face meets one of its own size, and bolts meet in a place."""
-    meshes = solid_parts.meshes(fineness, kind)
-    parts, joints = solid_parts.assembly(meshes, STEEL, 5e8)
-    system = fs.couple(parts, joints)
-    assert len(parts) == 8 and fs.normal_modes(system, 1).frequencies[0] > 0
-    glued = sum(3 * len(meshes[above].sets["bottom"]) for _, above in solid_parts.GLUED)
-    assert system.size == sum(part.size for part in parts.values()) - glued
-    for post in solid_parts.POSTS:
+    table = {"scene": "solid-parts", "part": {}}
+    for name, part in Scene({"scene": "solid-parts"}).table["part"].items():
+        counts = [fineness * count for count in part["solid"]["elements"]]
+        table["part"][name] = {"solid": {**part["solid"], "elements": counts, "cells": kind}}
+    scene = Scene(table)
+    meshes, system = scene.meshes, scene.models.full
+    assert len(system.parts) == 8 and fs.normal_modes(system, 1).frequencies[0] > 0
+    glued = sum(3 * len(meshes[above].sets["bottom"]) for above in GLUED)
+    assert system.size == sum(part.size for part in system.parts.values()) - glued
+    for post in POSTS:
         ends = [meshes[name].points[meshes[name].sets[end]] for name, end in ((post, "head"), ("cover", post))]
         np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
 
 
 def test_parts_are_shown_and_the_modes_recommended_meet_the_tolerance(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text('scene = "plate-parts"\nelements = [12, 6]\nparts = 4\nband = [0.0, 1500.0]\n'
-                                         'outputs = ["parts", "modes-per-part"]\n', encoding="utf-8")
+    (tmp_path / "scene.toml").write_text('scene = "plate-parts"\nband = [0.0, 1500.0]\n[part.plate]\n'
+                                         'plate = {lengths = [0.4, 0.3], elements = [12, 6]}\ncut = 4\n'
+                                         '[[ask]]\nparts = true\n[[ask]]\nmodes-per-part = 1e-3\n', encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     mesh = fs.rectangle((0.4, 0.3), (12, 6))

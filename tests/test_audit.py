@@ -515,10 +515,11 @@ def test_wrong_arguments_are_told(arguments: list[str], words: str, folder: Path
 
 
 def test_a_scene_file_does_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (folder / "scene.toml").write_text('scene = "audit"\nmodel = "small/model.json"\nfull = "full/model.json"\n')
+    (folder / "scene.toml").write_text('[[ask]]\naudit = {model = "small/model.json"}\nfull = {model = "full/model.json"}\n')
     assert main(["run", str(folder / "scene.toml")]) == 0 and "Yes. " in capsys.readouterr().out
-    (folder / "wrong.toml").write_text('scene = "audit"\nmodel = "small/model.json"\nM = "M.npy"\nK = "K.npy"\n')
-    assert main(["run", str(folder / "wrong.toml")]) == 2 and "model and M are given" in capsys.readouterr().err
+    (folder / "wrong.toml").write_text('[[ask]]\naudit = {model = "small/model.json", M = "M.npy", K = "K.npy"}\n')
+    assert main(["run", str(folder / "wrong.toml")]) == 2
+    assert "ask 1.audit: give the model.json of a folder, model, or the files of the matrices" in capsys.readouterr().err
 
 
 def test_the_scene_has_an_example_of_which_a_mode_is_missing(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from brakescene import PADS, brake, brake_models
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.scene import load
-from femsub.app.scenes.brake import PADS, Brake, BrakeScene
+from femsub.app.grammar import Scene
+from femsub.app.models import Models
 from femsub.coupling.contacts.brake import brake_meshes, opposite
 from femsub.coupling.contacts.friction_contact import contact_points
 
@@ -22,8 +23,25 @@ from femsub.coupling.contacts.friction_contact import contact_points
 pytestmark = pytest.mark.filterwarnings("ignore:only .* of the face:femsub.errors.PortWarning")
 
 MESHES = Path(__file__).parent.parent / "meshes"
-SMALL = ('scene = "brake"\nsize = 0.08\nfull = [0.5]\nband = [8e3, 1.4e4]\nmu = [0.0, 0.6]\nmodes = [20, 30]\n'
-         'methods = ["HCB"]\npoints = 3\nE = [1.1e11, 8e9, 2.1e11]\nnu = [0.26, 0.3, 0.3]\nrho = [7200, 2600, 7850]\n')
+SMALL = """
+scene = "brake"
+band = [8e3, 1.4e4]
+[material]
+iron = {E = 1.1e11, nu = 0.26, rho = 7200.0}
+friction = {E = 8e9, nu = 0.3, rho = 2600.0}
+steel = {E = 2.1e11, nu = 0.3, rho = 7850.0}
+[parameter.mu]
+between = [0.0, 0.6]
+[part]
+disc.solid = {brake = "disc", size = 0.08}
+inboard.solid = {brake = "inboard", size = 0.08}
+outboard.solid = {brake = "outboard", size = 0.08}
+[reduce]
+methods = [["craig-bampton", "contact-modes"], "contact-modes", "real-modes"]
+modes = [20, 30]
+"""
+UNSTABLE = '[[ask]]\ncomplex-modes = "full"\nat = {mu = 0.5}\nname = "unstable"\n'
+COMPARE = '[[ask]]\ncompare = ["growth", "critical"]\nparameter = "mu"\nvalues = [0.5]\n'
 
 
 def half(mesh: fs.Mesh, name: str) -> np.ndarray:
@@ -33,8 +51,8 @@ def half(mesh: fs.Mesh, name: str) -> np.ndarray:
 
 
 @cache
-def brake() -> Brake:
-    return Brake(BrakeScene(size=0.08), lambda _: None)
+def models() -> Models:
+    return brake_models(0.08)
 
 
 def run(folder: Path, text: str, *words: str) -> dict[str, Any]:
@@ -49,10 +67,10 @@ def test_unstable_modes_are_counted_where_a_comparison_counts_none(tmp_path: Pat
     """Of a full model beyond 2,000 DOF the study measures seconds without a count: the run once told 'not checked'."""
     monkeypatch.setattr("femsub.studies.error_vs_time.QUADRATIC", 0)
     text = SMALL.replace("modes = [20, 30]", "modes = [20]")
-    found = run(tmp_path, f'{text}outputs = ["unstable", "error-time"]\nfigures = false\n')
-    assert found["completeness"] == "certified" and found["verdict"]["answer"] == "yes"
+    found = run(tmp_path, text + COMPARE + UNSTABLE, "--no-figures")
+    assert found["unstable"]["models"][0]["evidence"] == "certified" and found["verdict"]["answer"] == "yes"
     assert not any("Completeness" in line for line in found["verdict"]["unchecked"])
-    assert any("at μ = 0.5" in line for line in found["verdict"]["decides"] if "Completeness" in line)
+    assert any("at mu = 0.5" in line for line in found["verdict"]["decides"] if "Completeness" in line)
 
 
 def test_the_meshes_are_those_that_gmsh_makes() -> None:
@@ -79,11 +97,11 @@ def test_only_the_faces_under_the_pads_carry_the_contact() -> None:
 
 
 def test_the_parts_meet_in_their_contacts_alone() -> None:
-    system = brake().system
+    system = models().full
     assert list(system.parts) == ["disc", *PADS]
-    assert set(system.sets) == {f"disc.under-{name}" for name in PADS} | {f"{name}.face" for name in PADS}
+    assert set(system.sets) == {f"disc.{name}-facing-{name}" for name in PADS} | {f"{name}.face" for name in PADS}
     assert len(system.interface) == sum(map(len, system.sets.values()))
-    pencil = system.linearised(brake().contacts(0.0))
+    pencil = system.linearised(models().at({"mu": 0.0}))
     assert abs(pencil.K - pencil.K.T).max() <= 1e-9 * abs(pencil.K).max()
     assert fs.normal_modes(fs.Substructure(pencil.M, (pencil.K + pencil.K.T) / 2), count=1).rigid == 0
 
@@ -91,76 +109,85 @@ def test_the_parts_meet_in_their_contacts_alone() -> None:
 @pytest.mark.slow
 def test_the_scene_tells_unstable_modes_errors_and_the_critical_mu(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
-    data = run(tmp_path, SMALL + 'outputs = ["unstable", "error-time", "flutter", "losses"]\n')
-    said = capsys.readouterr().out
-    (row,) = data["unstable"]
-    assert row["growth"] > row["error_bar"] and row["damping"] == pytest.approx(-2 * row["growth"] / row["omega"], rel=1e-3)
+    data = run(tmp_path, SMALL + UNSTABLE + COMPARE + '[[ask]]\nflutter = "mu"\npoints = 3\nfull = [0.5]\n'
+               '[[ask]]\ncritical = "mu"\nevery = true\nmodels = "best"\n')
+    said = " ".join(capsys.readouterr().out.split())
+    (row,) = data["unstable"]["unstable"]
+    assert row["growth"] > row["error_bar"]
+    assert row["damping"] == pytest.approx(-100 * row["growth"] / np.hypot(row["growth"], row["omega"]), rel=1e-12)
     assert sum(row[f"energy_{name}"] for name in ("disc", *PADS)) == pytest.approx(1.0)
-    critical = data["flutter"]["critical"]
-    assert 0 < critical["full"]["mu"] < 0.5 and critical["reduced"]["mu"] == pytest.approx(critical["full"]["mu"], rel=1e-2)
-    assert data["losses"]["evidence"] == "certified" and len(data["losses"]["rows"]) == 1
-    assert data["losses"]["rows"][0]["mu"] == pytest.approx(critical["reduced"]["mu"], rel=1e-4)
-    rows = data["error-time"]["rows"][1:]
+    full, *rows = data["compare"]["rows"]
+    best, = data["critical"]
+    assert 0 < full["critical"] < 0.5 and best["value"] == pytest.approx(full["critical"], rel=1e-2)
+    lost, = data["critical-all"]["rows"]
+    assert lost["evidence"] == "certified" and lost["value"] == pytest.approx(best["value"], rel=1e-4)
     assert {row["method"] for row in rows} == {"craig-bampton", "contact-modes", "real-modes"}
     errors = {(row["method"], row["modes"]): row["error_eigenvalue"] for row in rows}
     assert errors["contact-modes", 30] < errors["contact-modes", 20] and errors["contact-modes", 30] < errors["real-modes", 30]
-    best = data["error-time"]["recommended"]
+    best, = (one["model"] for one in data["compare"]["recommended"])
     assert best["missed"] == 0 and best["error_critical"] <= 1e-2
-    assert re.search(r"of the reduced model at μ = 0\.\d+, of the full model at μ = 0\.\d+", " ".join(said.split()))
+    assert re.search(r"Stability is lost in the flutter diagram: of .* at μ = 0\.\d+", said)
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"unstable.vtu", "most-unstable.pvd", "unstable.png", "flutter.png", "error-time.png", "unstable.csv"} <= written
+    assert {"flutter.png", "compare.png"} <= written
+    assert {f"unstable{end}" for end in (".png", "-unstable.csv", "-shape.vtu", "-shape.pvd")} <= written
 
 
 def test_below_the_critical_mu_nothing_is_unstable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    data = run(tmp_path, SMALL.replace("full = [0.5]", "full = [0.1]") + 'outputs = ["unstable"]\n')
-    assert data["unstable"] == [] and "All modes decay" in " ".join(capsys.readouterr().out.split())
+    data = run(tmp_path, SMALL + UNSTABLE.replace("0.5", "0.1"), "--no-figures")
+    assert data["unstable"]["unstable"] == [] and "Steady sliding is stable" in " ".join(capsys.readouterr().out.split())
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("mu = [-0.1, 0.5]", "mu must not be negative, but is -0.1"),
-    ("mu = [0.5, 0.1]", "mu"),
-    ("full = [-0.5]", "full must not be negative"),
-    ("contact = 0.0", "contact must be positive"),
-    ("pressure = -1.0", "pressure must not be negative"),
-    ("turning = 0.0", "turning must be positive"),
-    ("springs = 0.0", "springs must be positive"),
-    ("nu = [0.3, 0.5, 0.3]", "nu must be above -1 and below 0.5, but is 0.5 in place 2"),
-    ("speed = 1.0", "the friction of a brake is Coulomb's, with mu, pressure and turning"),
-    ('disc = "disc.vtu"', "'inboard' is missing"),
-    ('units = "mm-t-s"', "femsub's own brake is in SI units"),
+    ("[parameter.mu]\nbetween = [-0.1, 0.5]", "parameter.mu: mu must not be negative, but is -0.1"),
+    ("[parameter.mu]\nbetween = [0.5, 0.1]", "parameter.mu.between"),
+    ("[contact.inboard]\nmu = -0.5", "contact.inboard.mu: it must not be negative"),
+    ("[contact.inboard]\nstiffness = 0.0", "contact.inboard.stiffness: it must be positive"),
+    ("[contact.inboard]\npressure = -1.0", "contact.inboard.pressure: it must not be negative"),
+    ("[joint.springs]\nstiffness = -1.0", "joint.springs.stiffness: it must not be negative"),
+    ("[material.friction]\nnu = 0.5", "material.friction.nu: it must be above -1 and below 0.5, but is 0.5"),
+    ("[contact.inboard]\nslop = 1.0", "unknown key 'slop'; did you mean 'slope'"),
+    ('[part.disc]\nsolid = "disc.vtu"', "line 2: part.disc: there is no file "),
 ])
 def test_what_is_out_of_range_is_told(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "scene.toml").write_text(f'scene = "brake"\n{text}\n', encoding="utf-8")
     with pytest.raises(fs.InputError, match=re.escape(words)):
-        load(str(tmp_path / "scene.toml"))
+        Scene.from_file(tmp_path / "scene.toml")
 
 
-def test_a_pad_that_springs_do_not_hold_is_refused() -> None:
-    with pytest.raises(fs.InputError, match=r"the pad '(in|out)board' is not supported against turning"):
-        Brake(BrakeScene(size=0.08, sprung=["back"]), lambda _: None)
-    with pytest.raises(fs.InputError, match=r"the pad '(in|out)board' is not supported against 3 rigid motions"):
-        Brake(BrakeScene(size=0.08, sprung=[]), lambda _: None)
+@pytest.mark.parametrize(("held", "words"), [
+    (["back"], r"'(in|out)board' is not supported against turning"),
+    ([], r"'(in|out)board' is not supported against 3 rigid motions")])
+def test_a_pad_that_springs_do_not_hold_is_refused(held: list[str], words: str) -> None:
+    joints = {"springs": {"mount": [f"{name}.{place}" for name in PADS for place in held], "stiffness": 1e7}} if held else {}
+    ask = {"complex-modes": "full", "at": {"mu": 0.5}, "band": [0.0, 1.4e4]}
+    scene = Scene(brake(0.08).table | {"joint": joints, "ask": [ask]})
+    with pytest.raises(fs.InputError, match=words):
+        scene.run(lambda _: None)
 
 
 def test_pads_that_do_not_touch_and_sets_that_are_not_there_are_told(tmp_path: Path) -> None:
     pytest.importorskip("meshio")
-    meshes = brake_meshes(0.08)
-    for name, mesh in meshes.items():
+    for name, mesh in brake_meshes(0.08).items():
         fs.write_mesh(tmp_path / f"{name}.vtu", mesh)
-    files = {name: f"{name}.vtu" for name in meshes}
-    own = Brake(BrakeScene(folder=str(tmp_path), **files), lambda _: None)
-    assert own.system.size == brake().system.size
+    table = brake(0.08).table
+    table |= {"part": {name: {**part, "solid": f"{name}.vtu"} for name, part in table["part"].items()}}
+
+    def rubbing(inboard: list[str], outboard: list[str]) -> Scene:
+        pairs = {"inboard": {"friction": inboard}, "outboard": {"friction": outboard}}
+        return Scene(table | {"contact": {name: {**one, **pairs[name]} for name, one in table["contact"].items()}}, tmp_path)
+
+    assert Scene(table, tmp_path).models.full.size == models().full.size
     with pytest.raises(fs.InputError, match="face and outboard do not touch"):
-        Brake(BrakeScene(folder=str(tmp_path), tracks=["outboard", "inboard"], **files), lambda _: None)
+        _ = rubbing(["inboard.face", "disc.outboard"], ["outboard.face", "disc.inboard"]).models.full
     with pytest.raises(fs.InputError, match=r"do not face each other|do not touch"):
-        Brake(BrakeScene(folder=str(tmp_path), face="back", **files), lambda _: None)
-    with pytest.raises(fs.InputError, match=r"unknown set of nodes .*'faces'; did you mean 'face'"):
-        Brake(BrakeScene(folder=str(tmp_path), face="faces", **files), lambda _: None)
+        _ = rubbing(["inboard.back", "disc.inboard"], ["outboard.back", "disc.outboard"]).models.full
+    with pytest.raises(fs.InputError, match=r"unknown set 'faces'; did you mean 'face'"):
+        rubbing(["inboard.faces", "disc.inboard"], ["outboard.face", "disc.outboard"])
 
 
 def test_a_face_that_lies_beside_the_track_is_told() -> None:
     meshes = brake_meshes(0.08)
     disc = meshes["disc"].with_sets(inboard=half(meshes["disc"], "inboard"))
     with pytest.MonkeyPatch.context() as patch, pytest.warns(fs.FemsubWarning, match=r"only 4\d% of the face 'face' of 'inb"):
-        patch.setattr("femsub.app.scenes.brake.brake_meshes", lambda size: meshes | {"disc": disc})
-        assert Brake(BrakeScene(size=0.08), lambda _: None).system.size
+        patch.setattr("femsub.app.parts.solid.brake_meshes", lambda size: meshes | {"disc": disc})
+        assert brake_models(0.08).full.size

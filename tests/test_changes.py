@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg as la
+from brakescene import PADS, brake_models
 from scipy.sparse.linalg import splu
 
 import femsub as fs
 from femsub.app.figure_style import draw
+from femsub.app.models import Models
 from femsub.reduction.wider import Wider
 from femsub.stability.changes_tried import _each_modified
 from femsub.studies import changes_chart
@@ -193,16 +195,14 @@ def test_what_has_no_place_is_refused() -> None:
 @pytest.mark.slow
 def test_the_best_damper_and_the_best_shim_quieten_the_full_brake() -> None:
     """The scene `brake` with large elements at μ = 0.6: one unstable mode at 5.2 kHz. A damper has 100 g·s/mm, 981 N·s/m."""
-    from femsub.app.scenes.brake import PADS, Brake, BrakeScene
-
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.PortWarning)  # of the straight edges of large elements
-        _quietened(Brake(BrakeScene(size=0.08), lambda _: None), PADS)
+        _quietened(brake_models(0.08), PADS)
 
 
-def _quietened(brake: Any, pads: tuple[str, ...]) -> None:
-    full, contacts, band = brake.system, brake.contacts(0.6), (2e4, 3.6e4)
-    small = fs.reduce(full, fs.ContactModes(40, contacts=brake.contacts(0.0)))
+def _quietened(brake: Models, pads: tuple[str, ...]) -> None:
+    full, contacts, band = brake.full, brake.at({"mu": 0.6}), (2e4, 3.6e4)
+    small = fs.reduce(full, fs.ContactModes(40, contacts=brake.at({"mu": 0.0})))
     dampers = {f"damper {place}-{axis}": [fs.AddedDamper(f"{name}.{place}-{axis}", 981.0) for name in pads]
                for place in ("back", "leading", "trailing") for axis in "xz"}
     shims = {f"shim {c:g}": [change for name in pads for axis in "xyz" for change in (

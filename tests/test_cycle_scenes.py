@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import femsub as fs
+from femsub.app.asks.branch import Branch as Ask, repeats
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
-from femsub.app.scenes import cycles
+from femsub.app.grammar import Scene
 from femsub.motion.cycles.branch import Branch
 from femsub.motion.cycles.continuation import with_parameter
 from femsub.studies.charts_motion import bifurcation_chart
@@ -27,21 +28,22 @@ def scene_file(folder: Path, text: str) -> str:
 
 @pytest.mark.slow
 def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = 'scene = "chain-limit-cycle"\nband = [0.6, 0.9]\nfamilies = 1\ndots = 1\nperiods = 300\nharmonics = 100\npoints = 60\n'
+    text = ('scene = "chain-limit-cycle"\nband = [0.6, 0.9]\n[[ask]]\ncycles = 1\n[[ask]]\nbranch = "slope"\nfamilies = 1\n'
+            'dots = 1\nperiods = 150\nharmonics = 50\npoints = 30\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "results.json", "cycles.csv", "branches.csv", "transients.csv", "bifurcation.png"}
+        "results.json", "cycles.csv", "branch.csv", "branch-transients.csv", "branch.png"}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     found = {row["model"]: row for row in data["cycles"]}
     assert found["craig-bampton"]["omega"] == pytest.approx(0.7245, rel=1e-4) and found["craig-bampton"]["is_stable"] is True
     assert found["craig-chang"]["omega"] == pytest.approx(0.7227, rel=1e-4) and found["craig-chang"]["is_stable"] is True
     assert found["full"]["is_stable"] is False
-    assert {item["model"] for item in data["branches"]} == {"full", "craig-bampton", "craig-chang"}
-    for item in data["branches"]:
+    assert {item["model"] for item in data["branch"]} == {"full", "craig-bampton", "craig-chang"}
+    for item in data["branch"]:
         assert item["hopf"]["error"] < 1e-6 and item["hopf"]["supercritical"] is True
     # where a transient ends on the cycle, it lies on the branch
-    dots = {dot["model"]: dot for dot in data["transients"]}
-    branch = next(item for item in data["branches"] if item["model"] == "craig-chang")
+    dots = {dot["model"]: dot for dot in data["branch-transients"]}
+    branch = next(item for item in data["branch"] if item["model"] == "craig-chang")
     near = min(branch["points"], key=lambda point: abs(point["slope"] - dots["craig-chang"]["value"]))
     assert dots["craig-chang"]["omega"] == pytest.approx(near["omega"], rel=5e-3)
     assert dots["craig-chang"]["rms"] == pytest.approx(near["rms"], rel=0.05)
@@ -50,44 +52,45 @@ def test_cycles_and_branches_of_the_chain(tmp_path: Path, capsys: pytest.Capture
 
 @pytest.mark.slow
 def test_full_plate_and_its_reduced_models(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = ('scene = "plate-limit-cycle"\nelements = [4, 3]\nmodes = [8]\noutputs = ["cycles"]\nfigures = false\n')
+    text = ('scene = "plate-limit-cycle"\nfigures = false\n[part.plate]\nplate = {lengths = [0.4, 0.3], elements = [4, 3]}\n'
+            '[reduce]\nmodes = [8]\n[[ask]]\ncycles = 1\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     rows = {row["model"]: row for row in json.loads((tmp_path / "out" / "results.json").read_text())["cycles"]}
     assert rows["craig-chang"]["omega_error"] < 1e-4 and rows["craig-bampton"]["rms_error"] < 1e-2
-    assert "Limit cycles at v0" in capsys.readouterr().out
+    assert "Limit cycles; v is" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ('parameter = "speeed"', "did you mean 'speed'"), ("slope = -0.2", "needs a friction law"), ("families = 0", "at least 1"),
-    ("between = [1.0]", "between must be"), ("dots = -1", "dots must be at least 0"),
-    ('dots_from = "rest"', "unknown dots_from"), ("force = 0.001", "no cycle begins"),
+    ('[[ask]]\nbranch = "speeed"', "did you mean 'speed'"), ("[contact.belt]\nslope = -0.2", "needs a friction law"),
+    ('[[ask]]\nbranch = "slope"\nfamilies = 0', "at least 1"), ("[[ask]]\ncycles = 0", "at least 1"),
+    ('[[ask]]\nbranch = "slope"\nbetween = [1.0]', "ask 1.between: it must be [lo, hi]"),
+    ('[[ask]]\nbranch = "slope"\ndots = -1', "at least 0"),
+    ('[[ask]]\nbranch = "slope"\ndots_from = "rest"', "dots_from: unknown it 'rest'"),
+    ("[contact.belt]\nforce = 0.001", "no cycle begins"),
 ])
-def test_a_bad_scene_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
+def test_a_bad_scene_ends_in_a_line_or_two(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
     scene = scene_file(tmp_path, f'scene = "chain-limit-cycle"\n{text}\n')
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr()
-    assert words in printed.err and printed.err.count("\n") == 1 and not (tmp_path / "out").exists()
+    assert words in printed.err and printed.err.count("\n") <= 3 and not (tmp_path / "out").exists()
 
 
 # ---- what is made of a branch: cycles of a model too large for its modes, dots of transients, markers
 
-SPEED = cycles.ChainCycleScene(name="chain-limit-cycle", parameter="speed", speed=1.0, eps=0.02, dots=2, periods=10,
-                               dots_from="cycle")
+SCENE = Scene({"scene": "chain-limit-cycle", "contact": {"belt": {"speed": 1.0, "eps": 0.02}}})
+RUBBING = SCENE.models.contacts[0]
+SPEED = Ask(branch="speed", dots=2, periods=10, dots_from="cycle")
 
 
 @pytest.fixture(scope="module")
 def oscillator() -> tuple[fs.Substructure, Branch]:
     """A branch that begins at a Hopf point in the middle of the range, turns at a fold above it and ends at the low end."""
     model = fs.Substructure([[1.0]], [[1.0]], [[0.05]], ports={"belt": [1.0]})
-    return model, fs.branch(model, SPEED.rubbing, "speed", (0.2, 4.0))
-
-
-def run_of(scene: cycles.ChainCycleScene) -> cycles.CycleRun:
-    return cycles.CycleRun(scene, lambda _: None, {}, (0.0, 1.0))
+    return model, fs.branch(model, RUBBING, "speed", (0.2, 4.0))
 
 
 def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str, Any]]]:
-    return run_of(SPEED).guided(model, [guide])
+    return SPEED.guided(SCENE.models, model, RUBBING, [guide])
 
 
 @pytest.mark.slow
@@ -102,18 +105,18 @@ def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: t
         assert point.contact.belts[0].speed == value
         assert (point.omega, point.rms) == pytest.approx((exact.omega, exact.rms), rel=1e-3)
     with pytest.raises(fs.NotConvergedError, match="no reduced model has this branch"):
-        run_of(SPEED).guided(model, [])
+        SPEED.guided(SCENE.models, model, RUBBING, [])
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
-    plain = cycles.harmonic_balance
+    plain = fs.harmonic_balance
 
-    def balance(model: fs.Substructure, belt: fs.Belt, **options: Any) -> fs.LimitCycle:
-        if fails(belt):
+    def balance(model: fs.Substructure, acting: Any, **options: Any) -> fs.LimitCycle:
+        if fails(acting[0] if isinstance(acting, list) else acting):
             raise fs.NotConvergedError("no luck here")
-        return plain(model, belt, **options)
+        return plain(model, acting, **options)
 
-    monkeypatch.setattr(cycles, "harmonic_balance", balance)
+    monkeypatch.setattr(fs, "harmonic_balance", balance)
 
 
 @pytest.mark.slow
@@ -137,12 +140,15 @@ def test_a_cycle_that_does_not_converge_is_told_and_the_others_are_kept(oscillat
 def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     failing(monkeypatch, lambda belt: belt.slope < -0.059)
-    text = ('scene = "chain-limit-cycle"\nn = 2100\nband = [0.0, 0.004]\nfamilies = 1\nbetween = [-0.06, -0.01]\n'
-            'outputs = ["branches"]\neps = 0.02\ndots = 0\n')
+    for module in ("branch", "cycles"):  # the full model of 60 DOF is large, those of 5 DOF are small
+        monkeypatch.setattr(f"femsub.app.asks.{module}.small", lambda model: model.size < 50)
+    monkeypatch.setattr("femsub.motion.cycles.compliance.QUADRATIC", 50)
+    text = ('scene = "chain-limit-cycle"\nband = [0.0, 0.1]\n[part.chain]\nchain = 60\n[contact.belt]\neps = 0.02\n'
+            '[[ask]]\nbranch = "slope"\nfamilies = 1\nbetween = [-0.06, -0.01]\ndots = 0\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [item["model"] for item in data["branches"]] == ["full", "craig-bampton", "craig-chang"]
-    full = data["branches"][0]
+    assert [item["model"] for item in data["branch"]] == ["craig-bampton", "craig-chang", "full"]
+    full = data["branch"][2]
     assert len(full["points"]) == 2 and [point["is_stable"] for point in full["points"]] == [None, None]
     assert [gap["why"] for gap in full["missed"]] == ["no luck here"] and full["missed"][0]["slope"] == pytest.approx(-0.06)
     said = capsys.readouterr().out
@@ -154,16 +160,17 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
                                                                          monkeypatch: pytest.MonkeyPatch) -> None:
     model, guide = oscillator
     starts: list[fs.State] = []
-    monkeypatch.setattr(cycles, "transient", lambda *args, start, **options: starts.append(start) or
-                        fs.transient(*args, start=start, **options))
-    dots = run_of(replace(SPEED, dots=3)).dots("full", model, (0.45, 1.85), 1.0, [guide])
+    plain = fs.transient
+    monkeypatch.setattr(fs, "transient", lambda *args, start, **options: starts.append(start) or
+                        plain(*args, start=start, **options))
+    dots = replace(SPEED, dots=3).dotted(SCENE.models, "full", model, RUBBING, (0.45, 1.85), 1.0, [guide])
     values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
     assert len(guide.at(values[1])) == 2 and guide.values.max() < values[2]
     assert [dot["value"] for dot in dots] == pytest.approx(values[:2]) and {dot["model"] for dot in dots} == {"full"}
     for dot, start in zip(dots, starts, strict=True):
         stable, = [cycle for cycle in guide.at(dot["value"]) if cycle.is_stable]
         np.testing.assert_allclose(start.velocity, 1.05 * stable.state().velocity)
-        exact = fs.harmonic_balance(model, with_parameter(SPEED.rubbing, "speed", dot["value"]), start=stable)
+        exact = fs.harmonic_balance(model, with_parameter(RUBBING, "speed", dot["value"]), start=stable)
         assert dot["omega"] == pytest.approx(exact.omega, rel=1e-3) and dot["rms"] == pytest.approx(exact.rms, rel=2e-2)
 
 
@@ -171,14 +178,14 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
 def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
     t = np.linspace(3.0, 20.0, 4096)
     v = np.cos(1.3 * t) + 0.4 * np.sin(3.9 * t)
-    assert cycles.repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
+    assert repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
 
 
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
-    scene = replace(SPEED, dots=1, dots_from="blow", periods=60)
-    dot, = run_of(scene).dots("full", model, (0.7, 0.9), 1.0, [])
-    exact = fs.harmonic_balance(model, with_parameter(scene.rubbing, "speed", 0.8), start=guide.at(0.8)[0])
+    asked = replace(SPEED, dots=1, dots_from="blow", periods=60)
+    dot, = asked.dotted(SCENE.models, "full", model, RUBBING, (0.7, 0.9), 1.0, [])
+    exact = fs.harmonic_balance(model, with_parameter(RUBBING, "speed", 0.8), start=guide.at(0.8)[0])
     assert (dot["omega"], dot["rms"]) == pytest.approx((exact.omega, exact.rms), rel=2e-2)
 
 

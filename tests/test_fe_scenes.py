@@ -16,20 +16,26 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.scene import load
-from femsub.app.scenes.component import ComponentRun
+from femsub.app.grammar import Scene
 from femsub.components.fields import displacements
 from femsub.modes.quadratic.matching import extra_eigenvalues
 from femsub.studies.results import Row, Study, Timing, with_front
 
 SMALL = {
-    "beam": 'scene = "beam"\nelements = 40\nmodes = [8, 12]\nrepeats = 1\n',
-    "plate": 'scene = "plate"\nelements = [12, 9]\nmodes = [8, 16]\nrepeats = 1\n',
-    "solid": 'scene = "solid"\nelements = [2, 12, 1]\nmodes = [10, 20]\nrepeats = 1\n',
+    "beam": 'scene = "beam"\n[part.beam]\nelements = 40\n[reduce]\nmodes = [8, 12]\nrepeats = 1\n',
+    "plate": 'scene = "plate"\n[part.plate]\nplate = {lengths = [0.4, 0.3], elements = [12, 9]}\n'
+             '[reduce]\nmodes = [8, 16]\nrepeats = 1\n',
+    "solid": 'scene = "solid"\n[part.disc]\nsolid = {radii = [0.05, 0.15], thickness = 0.012, elements = [2, 12, 1]}\n'
+             '[reduce]\nmodes = [10, 20]\nrepeats = 1\n',
 }
 NAMES = ["beam", pytest.param("plate", marks=pytest.mark.slow), pytest.param("solid", marks=pytest.mark.slow)]  # as `runs` is
-PICTURES = {"modes", "eigenvalues", "least-stable", "error-time", "joined-interface"}
-TABLES = {"modes", "critical-slope", "eigenvalues", "error-time", "joined-interface"}
+TABLES = {"modes", "critical", "complex-modes", "compare", "springs"}
+PICTURES = TABLES | {"complex-modes-shape"}
+
+
+def asking(text: str, *asks: str) -> str:
+    """The same with other asks."""
+    return text + "".join(f"[[ask]]\n{ask}\n" for ask in asks)
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -62,10 +68,13 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
 @pytest.mark.parametrize("name", NAMES)
 def test_files_and_figures(runs: Runs, name: str) -> None:
     folder, _ = runs[name]
-    assert {path.name for path in folder.iterdir()} == {
-        "results.json", *(f"{table}.csv" for table in TABLES), "modes.vtu", "least-stable.vtu",
-        "least-stable.pvd", "least-stable",
-        *(f"{picture}.png" for picture in PICTURES)}
+    growing = len(json.loads((folder / "results.json").read_text())["complex-modes"]["unstable"])
+    assert min(growing, 2) == {"beam": 2, "plate": 1, "solid": 0}[name]
+    listed = {"complex-modes-unstable.csv"} if growing else set()
+    drawn = {"complex-modes-unstable.png", "complex-modes-unstable.vtu"} if growing > 1 else set()  # beside the shape of one
+    assert {path.name for path in folder.iterdir()} == listed | drawn | {
+        "results.json", *(f"{table}.csv" for table in TABLES), "modes.vtu", "complex-modes-shape.vtu",
+        "complex-modes-shape.pvd", "complex-modes-shape", *(f"{picture}.png" for picture in PICTURES)}
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in folder.glob("*.png"))
 
 
@@ -75,39 +84,41 @@ def test_results_hold_what_is_printed(runs: Runs, name: str) -> None:
     data = json.loads((folder / "results.json").read_text())
     for row in data["modes"]["rows"]:
         assert f"{row['omega']:.6g}" in text and row["residual"] < 1e-10
-    for row in data["critical-slope"]:
-        assert f"{row['slope']:.6g}" in text and f"{row['omega']:.5g}" in text and f"{row['error']:.1e}" in text
-    for item in data["eigenvalues"]:
+    for row in data["critical"]:
+        assert f"{row['value']:.6g}" in text and f"{row['omega']:.5g}" in text and f"{row['error']:.1e}" in text
+    for item in data["complex-modes"]["models"]:
         assert f"{item['growth']:.6g}" in text and (item["model"] == "full" or f"{item['shape_error']:.1e}" in text)
-    for row in data["error-time"]:
+    for row in data["compare"]["rows"]:
         assert f"{row['error_growth']:.1e}" in text and f"{row['error_eigenvalue']:.1e}" in text
-    assert data["recommended"]["sentence"] in " ".join(text.split())
-    assert f"{data['band'][1]:.6g}" in text and data["band_rule"] in text
-    assert f"{data['least-stable']['backward_error']:.1e}" in text
+    assert data["compare"]["recommended"][0]["sentence"] in " ".join(text.split())
+    assert f"{data['compare']['band'][1]:.6g}" in text
+    assert f"{data['complex-modes']['least_stable']['backward_error']:.1e}" in text
     # all that a reduced model says agrees with the full one, to what its row claims
-    full = data["critical-slope"][0]["slope"]
-    for row in data["critical-slope"]:
-        assert abs(row["slope"] / full - 1) == pytest.approx(row["error"], abs=1e-12) and row["error"] < 0.05
+    full = data["critical"][0]["value"]
+    for row in data["critical"]:
+        assert abs(row["value"] / full - 1) == pytest.approx(row["error"], abs=1e-12) and row["error"] < 0.05
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
     meshio = pytest.importorskip("meshio")
     folder, _ = runs[name]
-    work = ComponentRun(load(scene_file(folder.parent, SMALL[name]))[0], lambda text: None)
+    models = Scene.from_file(scene_file(folder.parent, SMALL[name])).models
+    mesh, = models.meshes.values()
     found = meshio.read(folder / "modes.vtu")
-    normal = fs.normal_modes(work.sub, count=14)
-    assert np.array_equal(found.cells[0].data, work.mesh.cells)
+    normal = fs.normal_modes(models.full, count=14)
+    assert np.array_equal(found.cells[0].data, mesh.cells)
     for i in range(3):
-        shape = displacements(work.mesh, work.sub.dofs, normal.shapes[:, i])
+        shape = displacements(mesh, models.full.dofs, normal.shapes[:, i])
         shape /= np.linalg.norm(shape, axis=1).max()
         stored = found.point_data[f"mode-{i + 1:02d} {normal.frequencies[i]:.4g} rad/time"]
         assert np.linalg.norm(stored, axis=1).max() == pytest.approx(1.0)
         if name != "solid":  # whose first modes are a pair, of which any combination will do
             assert min(abs(stored - shape).max(), abs(stored + shape).max()) < 1e-6
-    held = np.setdiff1d(work.mesh.numbers, work.sub.dofs.nodes) - 1
+    held = np.setdiff1d(mesh.numbers, models.full.dofs.nodes) - 1
     assert len(held) and not np.any(found.point_data[next(key for key in found.point_data if key.startswith("mode-01"))][held])
-    real, imaginary = (value for key, value in meshio.read(folder / "least-stable.vtu").point_data.items() if "-part " in key)
+    data = meshio.read(folder / "complex-modes-shape.vtu").point_data
+    real, imaginary = (value for key, value in data.items() if "-part " in key)
     assert np.linalg.norm(real, axis=1).max() == pytest.approx(1.0, rel=1e-6)
     assert np.any(imaginary)
 
@@ -116,12 +127,12 @@ def test_vtu_files_hold_the_shapes(runs: Runs, name: str) -> None:
 def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) -> None:
     meshio = pytest.importorskip("meshio")
     folder, _ = runs[name]
-    row = json.loads((folder / "results.json").read_text())["least-stable"]
-    data = meshio.read(folder / "least-stable.vtu").point_data
+    row = json.loads((folder / "results.json").read_text())["complex-modes"]["least_stable"]
+    data = meshio.read(folder / "complex-modes-shape.vtu").point_data
     named = f"{row['omega']:.4g} rad/time growth {row['eigenvalue'][0]:.4g} 1/time"
     shape = data[f"real-part {named}"] + 1j * data[f"imaginary-part {named}"]
-    listed = list(ElementTree.parse(folder / "least-stable.pvd").iter("DataSet"))
-    assert len(listed) == len(list((folder / "least-stable").iterdir())) == 12
+    listed = list(ElementTree.parse(folder / "complex-modes-shape.pvd").iter("DataSet"))
+    assert len(listed) == len(list((folder / "complex-modes-shape").iterdir())) == 12
     for item in listed:
         phase = meshio.read(folder / item.attrib["file"])
         turned = (shape * np.exp(1j * row["omega"] * float(item.attrib["timestep"]))).real
@@ -131,14 +142,15 @@ def test_a_complex_mode_s_period_is_a_series_of_phases(runs: Runs, name: str) ->
 
 @pytest.mark.parametrize("name", SMALL)
 def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path: Path, name: str) -> None:
-    work = ComponentRun(load(scene_file(tmp_path, SMALL[name]))[0], lambda text: None)
-    pencil = work.sub.linearised(work.belt)
-    exact = fs.complex_modes(work.sub, work.belt, band=work.band[0], evidence=False)
+    models = Scene.from_file(scene_file(tmp_path, SMALL[name])).models
+    full, acting, band = models.full, models.linear, models.band
+    pencil = full.linearised(acting)
+    exact = fs.complex_modes(full, acting, band=band, evidence=False)
     at = int(np.argmax(exact.eigenvalues.real))
     errors, angles = [], []
     for modes in (10, 30):
-        rom = fs.reduce(work.sub, fs.CraigChang(modes), ports=True)
-        found = fs.complex_modes(rom, work.belt, band=work.band[0])
+        rom = fs.reduce(full, fs.CraigChang(modes), ports=True)
+        found = fs.complex_modes(rom, acting, band=band)
         near = int(np.argmin(abs(found.eigenvalues - exact.eigenvalues[at])))
         u = rom.expand(found.shapes[:, [near]])
         errors.append(pencil.backward_error(found.eigenvalues[[near]], u)[0])
@@ -149,9 +161,9 @@ def test_recovered_shapes_fulfil_the_full_pencil_better_with_more_modes(tmp_path
     assert errors[1] < 0.5 * errors[0] < 1e-6 and angles[1] <= angles[0] < 1e-6
 
 
-@pytest.mark.parametrize(("outputs", "there"), [('["critical-slope"]', {"critical-slope"}), ('["modes"]', {"modes"})])
-def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: str, there: set[str]) -> None:
-    scene = scene_file(tmp_path, SMALL["beam"] + f"outputs = {outputs}\n")
+@pytest.mark.parametrize(("ask", "there"), [('critical = "slope"', {"critical"}), ("modes = 8", {"modes"})])
+def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, ask: str, there: set[str]) -> None:
+    scene = scene_file(tmp_path, asking(SMALL["beam"], ask))
     code = ("import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); "
             "print([name for name in ('meshio', 'matplotlib', 'scipy.io') if name in sys.modules]); sys.exit(status)")
     done = subprocess.run([sys.executable, "-c", code, "run", scene, "--no-figures", "--out", str(tmp_path / "out")],
@@ -159,7 +171,7 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, outputs: st
     assert done.returncode == 0 and done.stdout.splitlines()[-1] == "[]", done.stderr
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", *(f"{name}.csv" for name in there)}
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert set(data) & {"modes", "critical-slope", "eigenvalues", "error-time", "least-stable"} == there
+    assert set(data) & {"modes", "critical", "complex-modes", "compare", "springs"} == there
 
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,10 +182,9 @@ def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, mon
 
     for module, name in ((fs, "reduce"), (fs, "complex_modes"), (fs, "study"), (losses, "critical_slope")):
         monkeypatch.setattr(module, name, never)
-    scene, run = load(scene_file(tmp_path, SMALL["plate"] + 'outputs = ["modes"]'))
     told: list[str] = []
-    assert "modes" in run(scene, told.append).data
-    assert told == ["plate: building the component", "plate: normal modes"]
+    assert "modes" in Scene.from_file(scene_file(tmp_path, asking(SMALL["plate"], "modes = 8"))).run(told.append).data
+    assert told == ["plate: building the parts", "plate: modes", "plate: normal modes"]
 
 
 def test_a_recommendation_is_the_smallest_model_that_keeps_to_the_tolerance() -> None:
@@ -221,12 +232,13 @@ def test_eigenvalues_that_only_the_reduced_model_has_are_counted() -> None:
 
 
 def test_the_band_is_chosen_by_rule(tmp_path: Path) -> None:
-    beam = ComponentRun(load(scene_file(tmp_path, SMALL["beam"]))[0], lambda text: None)
-    (lo, hi), rule = beam.band
-    omega = fs.normal_modes(beam.sub, count=9).frequencies
-    assert lo == 0 and hi == pytest.approx(1.02 * omega[7]) and omega[8] > hi and "mode 8" in rule
-    disc = ComponentRun(load(scene_file(tmp_path, SMALL["solid"]))[0], lambda text: None)
-    assert "mode 9" in disc.band[1]  # 8 and 9 are a pair, which is not split
+    beam = Scene.from_file(scene_file(tmp_path, SMALL["beam"])).models
+    omega = fs.normal_modes(beam.full, count=9).frequencies
+    assert beam.band == (0.0, pytest.approx(1.02 * omega[7])) and omega[8] > beam.band[1]
+    disc = Scene.from_file(scene_file(tmp_path, SMALL["solid"])).models
+    omega = fs.normal_modes(disc.full, count=10).frequencies
+    assert omega[8] == pytest.approx(omega[7], rel=1e-6)  # 8 and 9 are a pair, which is not split
+    assert disc.band == (0.0, pytest.approx(1.02 * omega[8])) and omega[9] > disc.band[1]
 
 
 def test_a_solid_from_a_mesh_file_beside_the_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -235,12 +247,13 @@ def test_a_solid_from_a_mesh_file_beside_the_scene(tmp_path: Path, capsys: pytes
     halves = {"root": np.arange(4), "end": np.arange(4, 8)}
     mesh = fs.Mesh(mesh.points, mesh.cells, mesh.kind, {**mesh.sets, "tip": np.flatnonzero(mesh.points[:, 0] > 0.199)}, halves)
     fs.write_mesh(tmp_path / "bar.vtu", mesh)
-    text = ('scene = "solid"\nmesh = "bar.vtu"\nsupports = ["left"]\ninterface = ["right:z"]\ncontact = "tip"\n'
-            'direction = [0, 0.0, 2]\ngroups = ["root", "end"]\nE = [2.1e11, 7e10]\nrho = [7850.0, 2700.0]\nmodes = [12]\n'
-            'outputs = ["eigenvalues"]\n')
+    text = ('[material]\nsteel = {E = 2.1e11, rho = 7850.0}\naluminium = {E = 7e10, rho = 2700.0}\n[part.bar]\n'
+            'solid = "bar.vtu"\nmaterial = {root = "steel", end = "aluminium"}\nsupports = ["left"]\ninterface = ["right:z"]\n'
+            'ports = {belt = ["tip", [0, 0.0, 2]]}\n[contact.belt]\nbelt = "bar.belt"\n[reduce]\nmethods = ["craig-bampton"]\n'
+            'modes = [12]\n[[ask]]\ncomplex-modes = "all"\n')
     assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert data["interface"] == 8 and data["eigenvalues"][1]["shape_error"] < 0.1
+    assert data["interface"] == 8 and data["complex-modes"]["models"][1]["shape_error"] < 0.1
 
 
 def tangled(mesh: fs.Mesh) -> fs.Mesh:
@@ -250,33 +263,51 @@ def tangled(mesh: fs.Mesh) -> fs.Mesh:
     return fs.Mesh(mesh.points, cells, mesh.kind, mesh.sets)
 
 
-FILE = 'mesh = "mesh.vtu"\nsupports = ["left"]\ncontact = "top"\nmodes = [4]\nrepeats = 1\n'
+STEEL = "[material.steel]\nE = 2.1e11\nrho = 7850.0\n"
+FILE = STEEL + """
+[part.part]
+solid = "mesh.vtu"
+material = "steel"
+supports = ["left"]
+ports = {belt = ["top", "y"]}
+rayleigh = [5.0, 1e-7]
+[contact.belt]
+belt = "part.belt"
+force = 8000.0
+[reduce]
+modes = [4]
+repeats = 1
+[[ask]]
+complex-modes = "all"
+"""
+OF_BEAM, OF_DISC = 'scene = "beam"\n[part.beam]\n', 'scene = "solid"\n[part.disc]\n'
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ('scene = "solid"\n' + FILE.replace("left", "lef"), "did you mean 'left'"),
-    ('scene = "solid"\n' + FILE.replace("top", "pad"), "unknown set of nodes"),
-    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "flat.vtu"), "a solid needs one of"),
-    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "tangled.vtu"), "tangled or flat"),
-    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "none.vtu"), "there is no mesh file"),
-    ('scene = "solid"\n' + FILE.replace("mesh.vtu", "short.vtu"), "cannot be read as a mesh"),
-    ('scene = "solid"\nmesh = "mesh.vtu"', "scene key 'contact' is missing"),
-    ('scene = "solid"\n' + FILE + 'groups = ["a"]\nE = [1.0, 2.0]', "one for each of groups (1), but there are 2"),
-    ('scene = "solid"\nradii = [0.1]', "radii must be"),
-    ('scene = "solid"\ndirection = "up"', "unknown direction"),
-    ('scene = "plate"\n' + FILE.replace('supports = ["left"]\n', ""), "triangle or quad cells"),
-    ('scene = "plate"\ncontact = [9.0, 9.0]', "there is no node at"),
-    ('scene = "plate"\nthicknes = 1.0', "unknown scene key 'thicknes'; did you mean 'thickness'"),
-    ('scene = "beam"\nlength = -1.0', "length must be positive"),
-    ('scene = "beam"\nleft = "clamp"', "unknown left 'clamp'; did you mean 'clamped'"),
-    ('scene = "beam"\ncontact = 0.3501', "there is no node at x = 0.3501"),
-    ('scene = "beam"\nrayleigh = [1.0]', "rayleigh must be [alpha, beta]"),
-    ('scene = "beam"\nwidth = 0.0', "width must be positive"),
-    ('scene = "beam"\nmodes = [401]', "401 are more than the 400 DOF"),
-    ('scene = "beam"\nmodes = [-1]', "modes must be at least 0"),
-    ('scene = "beam"\nband = [2.0, 1.0]', "0 <= lo < hi"),
-    ('scene = "beam"\ntolerance = 0.0', "tolerance must be positive"),
-    ('scene = "beam"\nforce = -1.0', "force must not be negative"),
+    (FILE.replace("left", "lef"), "did you mean 'left'"),
+    (FILE.replace('"top", "y"', '"pad", "y"'), "part.part.ports: unknown set 'pad'"),
+    (FILE.replace("mesh.vtu", "flat.vtu").replace('supports = ["left"]\n', ""), "a solid needs one of"),
+    (FILE.replace("mesh.vtu", "tangled.vtu"), "tangled or flat"),
+    (FILE.replace("mesh.vtu", "none.vtu"), "there is no file "),
+    (FILE.replace("mesh.vtu", "short.vtu"), "cannot be read as a mesh"),
+    (FILE.replace('ports = {belt = ["top", "y"]}\n', ""), "contact.belt.belt: unknown port of 'part' 'belt'"),
+    (FILE.replace('"steel"\nsupports', '{a = "steel"}\nsupports'), "'a'"),
+    (OF_DISC + "solid = {radii = [0.1], thickness = 0.01}", "radii: it must be [inner, outer]"),
+    (OF_DISC + 'ports = {belt = ["contact", "up"]}', "unknown direction"),
+    (FILE.replace("solid =", "thickness = 0.01\nplate =").replace("supports", "clamped").replace('["top", "y"]', '"top"'),
+     "triangle or quad cells"),
+    ('scene = "plate"\n[part.plate]\nports = {belt = [9.0, 9.0]}', "there is no node at"),
+    ('scene = "plate"\n[part.plate]\nthicknes = 1.0', "part.plate.thicknes: unknown key 'thicknes'; did you mean 'thickness'"),
+    (OF_BEAM + "beam = -1.0", "line 3: part.beam.beam: it must be positive"),
+    (OF_BEAM + 'left = "clamp"', "'clamp'; did you mean 'clamped'"),
+    (OF_BEAM + "ports = {belt = 0.3501}", "there is no node at x = 0.3501"),
+    (OF_BEAM + "rayleigh = [1.0]", "it must be [alpha, beta]"),
+    (OF_BEAM + "width = 0.0", "give width and height, or I and A"),
+    ('scene = "beam"\n[reduce]\nmodes = [401]', "401 are more than the 400 DOF"),
+    ('scene = "beam"\n[reduce]\nmodes = [-1]', "at least 0"),
+    ('scene = "beam"\nband = [2.0, 1.0]', "(lo, hi) with lo < hi, but is (2, 1)"),
+    ('scene = "beam"\n[reduce]\ntolerance = 0.0', "reduce.tolerance: it must be positive"),
+    ('scene = "beam"\n[contact.belt]\nforce = -1.0', "contact.belt.force: it must not be negative"),
 ])
 def test_bad_input_ends_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, words: str) -> None:
     if ".vtu" in text:
@@ -309,7 +340,7 @@ def test_displacements_name_what_does_not_fit() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["plate", "solid"])
 def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str) -> None:
-    rows = json.loads((runs[name][0] / "results.json").read_text())["joined-interface"]
+    rows = json.loads((runs[name][0] / "results.json").read_text())["springs"]
     most = max(row["modes"] for row in rows)
     error = {(row["model"], row["springs"]): row["error"] for row in rows if row["modes"] == most}
     soft, stiff = min(row["springs"] for row in rows), max(row["springs"] for row in rows)
@@ -325,57 +356,51 @@ def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.Mon
     original = losses.critical_slope
     monkeypatch.setattr(losses, "critical_slope", lambda model, *rest, **options: (
         sought.append(model.size), original(model, *rest, **options))[1])
-    scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'outputs = ["critical-slope", "error-time"]'))
-    data = run(scene, lambda _: None).data
-    assert len(sought) == len(data["critical-slope"]) == len(data["error-time"])
-    assert [row["critical"] for row in data["error-time"]] == [row["slope"] for row in data["critical-slope"]]
+    text = asking(SMALL["beam"], 'critical = "slope"', 'compare = ["growth", "critical"]')
+    data = Scene.from_file(scene_file(tmp_path, text)).run(lambda _: None).data
+    assert len(sought) == len(data["critical"]) == len(data["compare"]["rows"])
+    assert [row["critical"] for row in data["compare"]["rows"]] == [row["value"] for row in data["critical"]]
 
 
-FREE = """scene = "solid"
-mesh = "free.vtu"
-methods = ["CC"]
-modes = [10]
-contact = "top"
-direction = "y"
-slope = -0.01
-repeats = 1
-figures = false
-"""
+FREE = asking(FILE.replace("mesh.vtu", "free.vtu").replace('supports = ["left"]\n', "").replace(
+    "[reduce]\nmodes = [4]", 'slope = -0.01\n[reduce]\nmethods = ["CC"]\nmodes = [10]'), 'critical = "slope"',
+    'compare = ["growth", "critical"]')
 
 
 @pytest.mark.slow
 def test_an_unsupported_solid_drifts_first_and_writes_all_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (4, 3, 1), "hexahedron20"), {})
-    assert main(["run", scene_file(tmp_path, FREE), "-v", "--out", str(tmp_path / "out")]) == 0
+    fs.write_mesh(str(tmp_path / "free.vtu"), fs.block((0.1, 0.06, 0.01), (3, 2, 1), "hexahedron20"), {})
+    assert main(["run", scene_file(tmp_path, FREE), "-v", "--no-figures", "--out", str(tmp_path / "out")]) == 0
     data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
-    full, rom = data["critical-slope"]
-    assert full["omega"] == rom["omega"] == 0.0 and full["slope"] < 0 and rom["error"] < 1e-6
+    full, rom = data["critical"]
+    assert full["omega"] == rom["omega"] == 0.0 and full["value"] < 0 and rom["error"] < 1e-6
     assert "band = [lo, hi] with lo above 0" in said
-    assert data["error-time"][1]["missing"] == 0  # of five equal real eigenvalues, which rounding may make a pair
-    rows = {row["model"]: row for row in data["eigenvalues"]}
+    assert data["compare"]["rows"][1]["missing"] == 0  # of five equal real eigenvalues, which rounding may make a pair
+    rows = {row["model"]: row for row in data["complex-modes"]["models"]}
     assert rows["craig-chang"]["counted"] == rows["full"]["counted"] == rows["full"]["full_counted"]
     # the advice: a band from above zero
-    band = f"band = [{1e-3 * data['band'][1]}, {data['band'][1]}]\noutputs = ['critical-slope']\n"
-    assert main(["run", scene_file(tmp_path, FREE + band), "--out", str(tmp_path / "other")]) == 0
-    rows = json.loads((tmp_path / "other" / "results.json").read_text())["critical-slope"]
-    assert all(row["omega"] != 0 and float(row["slope"]) < full["slope"] and not row["reason"] for row in rows)
+    top = data["compare"]["band"][1]
+    band = f"band = [{1e-3 * top}, {top}]\n"
+    assert main(["run", scene_file(tmp_path, band + FREE), "--no-figures", "--out", str(tmp_path / "other")]) == 0
+    rows = json.loads((tmp_path / "other" / "results.json").read_text())["critical"]
+    assert all(row["omega"] != 0 and float(row["value"]) < full["value"] and not row["reason"] for row in rows)
 
 
 def test_a_model_without_a_slope_takes_nothing_from_the_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    text = 'scene = "beam"\nelements = 40\nmodes = [2, 12]\nrepeats = 1\nfigures = false\n'
-    assert main(["run", scene_file(tmp_path, text), "-v", "--out", str(tmp_path / "out")]) == 0
+    text = asking(SMALL["beam"].replace("[8, 12]", "[2, 12]"), 'critical = "slope"', 'complex-modes = "all"')
+    assert main(["run", scene_file(tmp_path, text), "-v", "--no-figures", "--out", str(tmp_path / "out")]) == 0
     data, said = json.loads((tmp_path / "out" / "results.json").read_text()), capsys.readouterr().out
-    slopes = {(row["model"], row["modes"]): row for row in data["critical-slope"]}
-    assert slopes["craig-bampton", 2]["slope"] is None and "cut-off" in slopes["craig-bampton", 2]["reason"]
+    slopes = {(row["model"], row["modes"]): row for row in data["critical"]}
+    assert slopes["craig-bampton", 2]["value"] is None and "cut-off" in slopes["craig-bampton", 2]["reason"]
     assert slopes["craig-chang", 12]["error"] < 1e-3 and slopes["craig-chang", 12]["reason"] == ""
     assert "reaches above the cut-off" in said
-    few = next(row for row in data["eigenvalues"] if (row["model"], row["modes"]) == ("craig-bampton", 2))
-    assert few["up_to"] == few["cutoff"] < data["band"][1] and few["full_counted"] < data["eigenvalues"][0]["counted"]
+    full = data["complex-modes"]["models"][0]
+    few = next(row for row in data["complex-modes"]["models"] if (row["model"], row["modes"]) == ("craig-bampton", 2))
+    assert few["up_to"] == few["cutoff"] < full["up_to"] and few["full_counted"] < full["counted"]
 
 
-def test_the_key_elastic_says_what_is_listed_compared_and_in_the_band(tmp_path: Path) -> None:
-    scene, run = load(scene_file(tmp_path, SMALL["beam"] + 'elastic = 3\noutputs = ["modes", "critical-slope"]\n'))
-    found = run(scene, lambda _: None).data
-    omega = [row["omega"] for row in found["modes"]["rows"]]
+def test_the_key_elastic_says_what_is_in_the_band_and_an_ask_what_is_listed(tmp_path: Path) -> None:
+    scene = Scene.from_file(scene_file(tmp_path, "elastic = 3\n" + asking(SMALL["beam"], "modes = 3")))
+    omega = [row["omega"] for row in scene.run(lambda _: None).data["modes"]["rows"]]
     assert len(omega) == 6 + 3  # as many as a free beam may have; this one has no rigid motion
-    assert found["band"] == pytest.approx((0.0, 1.02 * omega[2]), rel=1e-12)
+    assert scene.models.band == pytest.approx((0.0, 1.02 * omega[2]), rel=1e-12)

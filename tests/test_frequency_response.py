@@ -348,12 +348,13 @@ def test_the_scene_compares_receptances_and_tells_which_model_will_do(tmp_path: 
     from femsub.app.cli import main
 
     scene = tmp_path / "scene.toml"
-    scene.write_text('scene = "frequency-response"\nelements = 20\nmodes = [4, 8]\nfrequencies = 50\nfigures = false\n')
+    scene.write_text('scene = "frequency-response"\nfigures = false\n[part.beam]\nelements = 20\n[reduce]\nmodes = [4, 8]\n'
+                     '[[ask]]\nresponse = ["beam.belt"]\nfrequencies = 50\nloss = 0.01\n')
     assert main(["run", "-q", str(scene), "--out", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "results.json").read_text())
-    rows = found["frequency-response"]["rows"]
+    rows = found["response"]["rows"]
     assert [row["modes"] for row in rows] == [4, 8, 4, 8] and all(row["evidence"] == "certified" for row in rows)
     assert rows[1]["error"] < rows[0]["error"] and rows[3]["error"] < 1e-3 and found["verdict"]["answer"] == "yes"
-    assert len((tmp_path / "out" / "frequency-response.csv").read_text().splitlines()) == 1 + 5 * 50
-    chart = next(one for one in found["charts"] if one["name"] == "frequency-response")
+    assert len((tmp_path / "out" / "response.csv").read_text().splitlines()) == 1 + 5 * 50
+    chart = next(one for one in found["charts"] if one["name"] == "response")
     assert [len(panel["series"]) for place in chart["places"] for panel in place["panels"]] == [5, 5, 4]

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from brakescene import brake_models
 
 import femsub as fs
-from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.checks import Array
 from femsub.modes import ModeName
 from femsub.studies.mode_cards import ordinal, places_in_families
@@ -254,11 +254,11 @@ def test_a_sentence_names_the_place_of_a_pair() -> None:
 
 @pytest.mark.slow
 def test_the_pair_of_the_brake_scene_is_found_by_lowering_mu() -> None:
-    brake = Brake(BrakeScene(size=0.05), lambda _: None)
-    small = fs.reduce(brake.system, fs.ContactModes(60, contacts=brake.contacts(0.0)))
-    rubbing = brake.contacts(0.6)
+    brake = brake_models(0.05)
+    small = fs.reduce(brake.full, fs.ContactModes(60, contacts=brake.at({"mu": 0.0})))
+    rubbing = brake.at({"mu": 0.6})
     modes = fs.complex_modes(small, rubbing, band=(1e3, 3e4))
-    card, = fs.mode_cards(small, rubbing, modes, modes.unstable, full=brake.system)
+    card, = fs.mode_cards(small, rubbing, modes, modes.unstable, full=brake.full)
     assert card.met is not None and np.isclose(sum(card.growth.values()), card.eigenvalue.real, rtol=0, atol=1e-8 * 2e4)
     assert np.isclose(sum(one.circulatory.sum() for one in card.contacts), card.growth["circulatory"], rtol=1e-8)
     first, second = card.met
@@ -267,7 +267,7 @@ def test_the_pair_of_the_brake_scene_is_found_by_lowering_mu() -> None:
     still = small.with_damping(None)
 
     def undamped(mu: float) -> fs.Pencil:
-        found = still.linearised(brake.contacts(mu))
+        found = still.linearised(brake.at({"mu": mu}))
         return fs.Pencil(found.M, None, found.K)
 
     values = fs.complex_modes(undamped(0.6)).eigenvalues

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from brakescene import brake_models
 from scipy.io import loadmat
 
 import femsub as fs
-from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.errors import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
@@ -434,9 +434,9 @@ def test_brake_m0_over_all_speeds():
 @pytest.mark.slow
 def test_the_brake_over_all_friction():
     """Friction of high rank: few cells. On the scene's own mesh it has rank 189, and norms of its factors alone took seven."""
-    brake, band = Brake(BrakeScene(size=0.06), lambda _: None), (1e3, 5e4)
-    small = fs.reduce(brake.system, fs.ParameterBox({"mu": (0.0, 0.7)}, band), contacts=brake.contacts(0.0))
+    brake, band = brake_models(0.06), (1e3, 5e4)
+    small = fs.reduce(brake.full, fs.ParameterBox({"mu": (0.0, 0.7)}, band), contacts=brake.at({"mu": 0.0}))
     assert small.evidence == "certified" and len(small.cells) <= 6 and small.error <= 1e-6
-    modes, full = small.modes(mu=0.61), fs.complex_modes(brake.system, brake.contacts(0.61), band=band)
+    modes, full = small.modes(mu=0.61), fs.complex_modes(brake.full, brake.at({"mu": 0.61}), band=band)
     assert len(modes) == len(full) and full.evidence == "certified"
     assert (np.abs(full.eigenvalues[:, None] - modes.eigenvalues).min(axis=0) <= modes.error_bar).all()

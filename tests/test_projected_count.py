@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import scipy.linalg as la
 import scipy.sparse as sp
+from brakescene import brake_models
 from scipy.io import loadmat
 
 import femsub as fs
 from benchmarks.lattices import lattice
 from femsub.algebra import factors_made, fork_pays
-from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.modes.quadratic import dense, projected_count, projected_pairs, sparse
 from femsub.modes.quadratic.energy_basis import Coupling
 from femsub.modes.quadratic.projected_count import Projection, Varied
@@ -427,8 +427,8 @@ def test_left_vectors_come_from_what_the_count_has_solved_for(monkeypatch: pytes
 @pytest.mark.slow
 def test_the_full_brake_is_certified() -> None:
     """7,458 DOF, friction on every node under the pads: 'not checked' before."""
-    brake = Brake(BrakeScene(size=0.025), lambda _: None)
-    pencil = brake.system.linearised(brake.contacts(0.6))
+    brake = brake_models(0.025)
+    pencil = brake.full.linearised(brake.at({"mu": 0.6}))
     made = factors_made()
     modes = fs.complex_modes(pencil, band=(1e3, 5e4))
     assert modes.evidence == "certified" and modes.is_stable is False

@@ -17,29 +17,30 @@ from femsub.app.cli import READER_GONE, main
 
 DEEP = "x = " + "[" * 3000 + "]" * 3000
 
+CHAIN = 'scene = "chain"\n'
 ODD = {
-    'scene = ["chain"]': "unknown scene",
-    "scene = 3": "unknown scene",
+    'scene = ["chain"]': "scene: it must be a string",
+    "scene = 3": "scene: it must be a string",
     DEEP: "nested too deeply",
-    "n = 10000000000": "at most",
-    f"n = 1{'0' * 400}": "at most",
-    "speed = inf": "speed",
-    "sizes = []": "'sizes' is an empty list",
-    "outputs = []": "'outputs' is an empty list",
-    "masses = 1e308": "Choose other units",
-    "masses = 1e-300": "Choose other units",
-    "damping = 1e308": "Choose other units",
-    "springs = 1e308": "NaN or Inf",
-    "eps = 1e-320": "eps must be positive",
-    "repeats = 100000000000": "repeats must be at least 1 and at most 1000",
-    "force = -1.0": "force must not be negative",
-    'scene = "plate"\nelements = [100000, 100000]': "GB",
-    'scene = "plate"\nthickness = 1e200': "Choose other units",
-    'scene = "solid"\nelements = [100000, 100000, 3]': "GB",
-    'scene = "beam"\nelements = 10000000000': "GB",
-    'scene = "beam"\nE = 1e308': "Choose other units",
-    'scene = "chain-transient"\nstep = 1e-300': "points",
-    'scene = "matrices"\nM = "/dev/zero"\nK = "/dev/null"\nport = 0\nband = [0.0, 1.0]': "no file",
+    CHAIN + "[part.chain]\nchain = 10000000000": "at most",
+    CHAIN + f"[part.chain]\nchain = 1{'0' * 400}": "at most",
+    CHAIN + "[contact.belt]\nspeed = inf": "contact.belt.speed",
+    CHAIN + "[reduce]\nsizes = []": "reduce.sizes: it is an empty list",
+    CHAIN + "ask = []": "nothing is asked",
+    CHAIN + "[part.chain]\nmasses = 1e308": "Choose other units",
+    CHAIN + "[part.chain]\nmasses = 1e-300": "Choose other units",
+    CHAIN + "[part.chain]\ndamping = 1e308": "Choose other units",
+    CHAIN + "[part.chain]\nsprings = 1e308": "NaN or Inf",
+    CHAIN + "[contact.belt]\neps = 1e-320": "contact.belt: eps must be positive",
+    CHAIN + "[reduce]\nrepeats = 100000000000": "repeats: it must be at least 1 and at most 1000",
+    CHAIN + "[contact.belt]\nforce = -1.0": "force: it must not be negative",
+    'scene = "plate"\n[part.plate]\nplate = {lengths = [0.4, 0.3], elements = [100000, 100000]}': "GB",
+    'scene = "plate"\n[part.plate]\nthickness = 1e200': "Choose other units",
+    'scene = "solid"\n[part.disc]\nsolid = {radii = [0.05, 0.15], thickness = 0.01, elements = [100000, 100000, 3]}': "GB",
+    'scene = "beam"\n[part.beam]\nelements = 10000000000': "at most",
+    'scene = "beam"\n[material.steel]\nE = 1e308': "Choose other units",
+    'scene = "chain-transient"\n[[ask]]\nmotion = [0.0, 10.0]\nstep = 1e-300': "points",
+    'scene = "matrices"\n[part.part]\nmatrices = {M = "/dev/zero", K = "/dev/null"}': "no file",
 }
 
 
@@ -52,28 +53,29 @@ def test_odd_scenes_end_in_one_line(text: str, tmp_path: Path, capsys: pytest.Ca
     assert not (tmp_path / "out").exists()
 
 
-PLANTED = 'outputs = ["critical-slope", "eigenvalues", "error-time"]\nrepeats = 1\nbelts = [2]\nsizes = [5]\n'
+PLANTED = (CHAIN + "[reduce]\nrepeats = 1\nsizes = [5]\n" + '[[ask]]\ncritical = "slope"\n[[ask]]\ncomplex-modes = "all"\n'
+           '[[ask]]\ncompare = ["growth", "critical", "held"]\n')
 
 
 @pytest.mark.parametrize(("thrown", "status", "lacking"), [
-    (fs.NotConvergedError("planted"), 1, {"eigenvalues"}), (KeyboardInterrupt(), 130, {"eigenvalues", "error-time"})])
+    (fs.NotConvergedError("planted"), 1, {"complex-modes"}), (KeyboardInterrupt(), 130, {"complex-modes", "compare"})])
 def test_what_was_computed_before_an_output_fails_is_kept(thrown: BaseException, status: int, lacking: set[str], tmp_path: Path,
                                                           monkeypatch: pytest.MonkeyPatch,
                                                           capsys: pytest.CaptureFixture[str]) -> None:
-    from femsub.app.scenes import chain
+    from femsub.app.asks.complex_modes import ComplexModesAsk
 
     def fails(*_: object) -> None:
         raise thrown
 
-    monkeypatch.setattr(chain.ChainRun, "eigenvalues", fails)
+    monkeypatch.setattr(ComplexModesAsk, "run", fails)
     (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
     assert main(["run", "-v", str(tmp_path / "scene.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == status
     said, data = capsys.readouterr(), json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
-    assert {"critical-slope", "eigenvalues", "error-time"} - set(data) == lacking
-    assert data["critical-slope"]["rows"] and "Critical slopes" in said.out
+    assert {"critical", "complex-modes", "compare"} - set(data) == lacking
+    assert data["critical"] and "Critical dμ/dv" in said.out
     if status == 1:
-        assert data["failed"] == {"eigenvalues": "NotConvergedError: planted"}
-        assert "eigenvalues: failed; planted" in said.out and "eigenvalues failed: NotConvergedError: planted" in said.err
+        assert data["failed"] == {"complex-modes": "NotConvergedError: planted"}
+        assert "complex-modes: failed; planted" in said.out and "complex-modes failed: NotConvergedError: planted" in said.err
     else:
         assert data["complete"] is False and "incomplete" in said.out
 
@@ -107,13 +109,13 @@ def test_outcomes_are_not_caught_as_wrong_arguments_and_ctrl_c_in_one_place() ->
 
 
 def test_where_every_output_fails_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.app.scenes import chain
+    from femsub.app.asks import compare, complex_modes, critical
 
     def fails(*_: object) -> None:
         raise fs.NotConvergedError("planted")
 
-    for output in ("critical_slope", "eigenvalues", "error_time"):
-        monkeypatch.setattr(chain.ChainRun, output, fails)
+    for kind in (critical.CriticalAsk, complex_modes.ComplexModesAsk, compare.CompareAsk):
+        monkeypatch.setattr(kind, "run", fails)
     (tmp_path / "scene.toml").write_text(PLANTED, encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) == 1
     assert not (tmp_path / "out").exists()

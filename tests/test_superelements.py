@@ -330,7 +330,7 @@ def test_calculix_solves_a_superelement(arm: Any, tmp_path: Path) -> None:
 
 
 def scene(folder: Path, text: str) -> dict[str, Any]:
-    (folder / "scene.toml").write_text(f'scene = "superelements"\nrepeats = 1\n{text}', encoding="utf-8")
+    (folder / "scene.toml").write_text(text, encoding="utf-8")
     assert main(["run", str(folder / "scene.toml"), "--out", str(folder / "out"), "--no-figures"]) == 0
     found: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
     return found
@@ -339,17 +339,16 @@ def scene(folder: Path, text: str) -> dict[str, Any]:
 def test_the_scene_tells_what_was_read_and_how_far_it_is_from_nastran(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pyyeti.nastran.op4")
     theirs = np.sqrt(np.loadtxt(DATA / "eigenvalues.txt")[6:12])
-    parts = "".join(f'[[parts]]\nname = "{name}"\nfile = "{DATA / name}board.asm"\ncutoff = 314.0\n' for name in ("in", "out"))
-    data = scene(tmp_path, f'band = [0.0, 60.0]\nmethods = ["CC"]\nmodes = [4, 8]\nreference = {[*theirs, 1e4]}\n'
-                           f'interface = ["out.3"]\n{parts}[[joints]]\nbetween = ["in", "out"]\n')
-    assert "6 of 7 reference frequencies are met by modes of the system, within" in capsys.readouterr().out
-    rows = data["modes"][6:]
+    parts = "".join(f'[part.{name}]\nsuperelement = "{DATA / name}board.asm"\n' for name in ("in", "out"))
+    data = scene(tmp_path, f'scene = "superelements"\n{parts}[reduce]\nmethods = ["CC"]\nmodes = [4, 8]\nrepeats = 1\n'
+                           f'[[ask]]\naudit = "parts"\n[[ask]]\nmodes = "band"\nreference = {[*theirs, 1e4]}\n[[ask]]\ncompare = ["growth"]\n')
+    assert "6 of 7 reference frequencies are met by modes of the model, within" in capsys.readouterr().out
+    rows = data["modes"]["rows"][6:]
     assert [row["reference"] for row in rows] == theirs.tolist() and max(row["difference"] for row in rows) < 5e-8
-    assert [(row["size"], row["grids"], row["modes"], row["own_frame"], row["faults"]) for row in data["superelements"]] == [
+    assert [(row["size"], row["grids"], row["modes"], row["own_frame"], row["faults"]) for row in data["audit"]["rows"]] == [
         (32, 4, 8, 12, 0), (46, 4, 22, 12, 0)]
-    assert "6 interface DOF" in data["methods"]["system"]
-    four, eight = (row["error_frequency"] for row in data["methods"]["rows"][1:])
-    assert eight < 1e-6 < four < 1e-2 and data["methods"]["rows"][2]["error_force"] < 1e-3
+    four, eight = (row["error_frequency"] for row in data["compare"]["rows"][1:])
+    assert eight < 1e-6 < four < 1e-2 and data["compare"]["rows"][2]["error_force"] < 1e-3
 
 
 def test_the_scene_joins_a_superelement_and_a_model_of_ours_and_tells_a_fault(arm: Any, tmp_path: Path,
@@ -359,12 +358,12 @@ def test_the_scene_joins_a_superelement_and_a_model_of_ours_and_tells_a_fault(ar
     text = re.sub(", sum .*", "", (tmp_path / "arm.pch").read_text(), count=1)
     mass, one = text.index("DMIG    MAAX"), "1.0000000000D+00\n"
     (tmp_path / "arm.pch").write_text(text[:mass] + text[mass:].replace(one, one.replace("1", "4", 1), 1))
-    data = scene(tmp_path, 'band = [0.0, 2e3]\noutputs = ["parts", "modes"]\n[[parts]]\nname = "theirs"\nfile = "arm.pch"\n'
-                           'cutoff = 1e4\n[[parts]]\nname = "ours"\nfile = "own/model.json"\n[[joints]]\nkind = "spring"\n'
-                           'between = ["theirs.1", "ours:0,1,2"]\nstiffness = 1e3\n')
-    assert [(row["part"], row["faults"]) for row in data["superelements"]] == [("theirs", 1), ("ours", 0)]
-    assert "theirs: modes orthonormal" in " ".join(capsys.readouterr().out.split()) and len(data["modes"]) >= 9
-    fault = next(row for row in data["checks"] if row["verdict"] == "fault")
+    data = scene(tmp_path, 'band = [0.0, 2e3]\n[part.theirs]\nsuperelement = "arm.pch"\ncutoff = 1e4\n[part.ours]\n'
+                           'superelement = "own/model.json"\n[[joint]]\nspring = ["theirs.1", "ours:0,1,2"]\nstiffness = 1e3\n'
+                           '[[ask]]\naudit = "parts"\n[[ask]]\nmodes = "band"\n')
+    assert [(row["part"], row["faults"]) for row in data["audit"]["rows"]] == [("theirs", 1), ("ours", 0)]
+    assert "theirs: modes orthonormal" in " ".join(capsys.readouterr().out.split()) and len(data["modes"]["rows"]) >= 9
+    fault = next(row for row in data["audit"]["checks"] if row["verdict"] == "fault")
     assert (fault["part"], fault["check"]) == ("theirs", "modes orthonormal")
 
 

@@ -14,7 +14,7 @@ from extendpages import names_of
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
-from femsub.app.scene import load
+from femsub.app.grammar import Scene
 from femsub.coupling.contacts.belt import LAWS, FrictionLaw
 from femsub.studies.charts_components import friction_chart
 
@@ -67,20 +67,22 @@ def test_without_an_eps_the_cycle_is_the_same_and_sticking_unknown() -> None:
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("law", ["rational", "bare"])
 def test_scenes_take_it_by_its_key(law: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    shared = f'law = "{law}"\neps = 0.02\nspeed = 0.2\nn = 6\ndamping = 0.1\nmethods = ["craig-bampton"]\n'
-    for name, text in {"chain": 'outputs = ["friction", "eigenvalues", "error-time"]\nrepeats = 1\nsizes = [4]\n',
-                       "chain-transient": 'outputs = ["signals", "spectrum"]\ntime = [0, 200]\nwindow = [100, 200]\n',
-                       "chain-limit-cycle": 'outputs = ["cycles"]\nfamilies = 1\n'}.items():
+    shared = (f'[contact.belt]\nlaw = "{law}"\neps = 0.02\nspeed = 0.2\n[part.chain]\nchain = 6\ndamping = 0.1\n'
+              '[reduce]\nmethods = ["craig-bampton"]\nrepeats = 1\nsizes = [4]\n')
+    asks = {"chain": ("friction-law = [0.1]", 'complex-modes = "all"', 'compare = ["growth"]'),
+            "chain-transient": ('motion = [0, 200]\nwindow = [100, 200]\nshow = ["signals", "spectrum"]',),
+            "chain-limit-cycle": ("cycles = 1",)}
+    for name, asked in asks.items():
         file, out = tmp_path / f"{name}.toml", tmp_path / f"{name}-out"
-        file.write_text(f'scene = "{name}"\n{shared}{text}')
+        file.write_text(f'scene = "{name}"\n{shared}' + "".join(f"[[ask]]\n{ask}\n" for ask in asked))
         assert main(["run", "-v", str(file), "--out", str(out), "--no-figures"]) == 0
         data = json.loads((out / "results.json").read_text())
-        assert data["law"] == law and data["slope"] == pytest.approx(float(Rational(0.02).slope(0.2)), rel=1e-12)
-        assert f"{law}, ε = 0.02" in " ".join(capsys.readouterr().out.split())
+        slope = float(Rational(0.02).slope(0.2))
+        assert f"{law}, ε = 0.02, v0 = 0.2: μ' = {slope:.6g}" in " ".join(capsys.readouterr().out.split())
         if name == "chain":
-            assert {curve["law"] for curve in data["friction"]["curves"]} == set(LAWS)
+            assert {curve["law"] for curve in data["friction-law"]["curves"]} == set(LAWS)
         if name == "chain-transient":
-            assert [model["sticking"] is None for model in data["models"]] == [law == "bare"] * 2
+            assert [model["sticking"] is None for model in data["motion"]["models"]] == [law == "bare"] * 2
         if name == "chain-limit-cycle":
             assert any("omega" in row for row in data["cycles"])
 
@@ -94,9 +96,9 @@ def test_figures_have_a_panel_for_it() -> None:
 
 def test_an_unknown_key_is_told_with_those_there_are(tmp_path: Path) -> None:
     file = tmp_path / "scene.toml"
-    file.write_text('law = "rationall"\n')
-    with pytest.raises(fs.InputError, match=r"law 'rationall'; did you mean 'rational'\? Valid: bare, rational, stribeck"):
-        load(str(file))
+    file.write_text('scene = "chain"\n[contact.belt]\nlaw = "rationall"\n')
+    with pytest.raises(fs.InputError, match=r"'rationall'; did you mean 'rational'\? Valid: bare, rational, stribeck"):
+        Scene.from_file(file)
 
 
 def test_a_slope_that_is_not_that_of_the_values_is_refused() -> None:

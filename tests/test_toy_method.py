@@ -15,19 +15,24 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
 from femsub.reduction.method import METHODS, Method
-from femsub.studies.charts_components import size_sweep_chart
+from femsub.studies.charts_components import critical_chart
 from femsub.studies.charts_errors import error_time_chart
 
 KEY, LABEL, COLOUR = "second-order", "Second order", "#2a7f3f"
 SCENE = f"""
 scene = "chain"
-n = 7
-sizes = [4, 6]
-belts = [2]
+[part.chain]
+chain = 7
 interface = [2]
+[reduce]
 methods = ["craig-bampton", "{KEY}"]
-outputs = ["critical-slope", "size-sweep", "eigenvalues"]
+sizes = [4, 6]
 repeats = 1
+[[ask]]
+critical = "slope"
+[[ask]]
+complex-modes = "all"
+every = true
 """
 
 
@@ -78,8 +83,8 @@ def test_study_table_and_figures_name_it(second: Any) -> None:
     figure = draw(error_time_chart([("{m1}", found)]))
     assert [text.get_text() for text in figure.legends[0].get_texts()][:2] == ["Craig-Chang", LABEL]
     assert any((line.get_color(), line.get_marker()) == (COLOUR, "D") for line in figure.axes[0].lines)
-    curves = [{"interface": "{m1}", "method": KEY, "sizes": [3, 4], "slope": [-0.1, -0.1], "error": [0.1, 0.01], "full": -0.1}]
-    line = draw(size_sweep_chart(curves, 2)).axes[0].lines[0]
+    rows = [{"model": KEY, "modes": size - 2, "size": size, "value": -0.1, "error": error} for size, error in ((3, 0.1), (4, 0.01))]
+    line = draw(critical_chart(rows, (), "slope", "chain")).axes[0].lines[0]
     assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
 
 
@@ -87,20 +92,21 @@ def test_scene_files_take_it_by_its_key(second: Any, tmp_path: Path, capsys: pyt
     (tmp_path / "toy.toml").write_text(SCENE)
     assert main(["run", "-v", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out")]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert data["methods"] == ["craig-bampton", KEY]
-    for output in ("critical-slope", "size-sweep", "eigenvalues"):
-        assert KEY in {row.get("method", row.get("model")) for row in data[output]["rows"]}
-    assert all((tmp_path / "out" / f"{name}.png").stat().st_size > 10_000 for name in ("size-sweep", "eigenvalues"))
+    for rows in (data["critical"], data["complex-modes"]["models"]):
+        assert [(row["model"], row["size"]) for row in rows] == [
+            ("full", 7), *((method, size) for method in ("craig-bampton", KEY) for size in (4, 6))]
+    assert all((tmp_path / "out" / f"{name}.png").stat().st_size > 10_000 for name in ("critical", "complex-modes"))
     text = capsys.readouterr().out
     assert f" {LABEL} " in text and KEY not in text
 
 
 def test_scenes_of_components_take_it_too(second: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "toy.toml").write_text(f'scene = "beam"\nelements = 20\nmodes = [6]\nmethods = ["{KEY}"]\nports = false\n'
-                                       'outputs = ["critical-slope", "error-time", "joined-interface"]\nrepeats = 1\n')
+    (tmp_path / "toy.toml").write_text(f'scene = "beam"\n[part.beam]\nelements = 20\n[reduce]\nmodes = [6]\nmethods = ["{KEY}"]\n'
+                                       'ports = false\nrepeats = 1\n[[ask]]\ncritical = "slope"\n[[ask]]\n'
+                                       'compare = ["growth", "critical"]\n[[ask]]\nsprings = [1.0]\n')
     assert main(["run", "-v", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out"), "--no-figures"]) == 0
     data = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert {row["model"] for row in data["critical-slope"]} == {"full", KEY} == {row["method"] for row in data["error-time"]}
+    assert {row["model"] for row in data["critical"]} == {"full", KEY} == {row["method"] for row in data["compare"]["rows"]}
     assert f"{LABEL} with 6 modes" in " ".join(capsys.readouterr().out.split())
 
 
@@ -109,7 +115,7 @@ def test_unknown_keys_name_those_that_exist(tmp_path: Path, capsys: pytest.Captu
     (tmp_path / "toy.toml").write_text(SCENE)
     assert main(["run", str(tmp_path / "toy.toml")]) == 2
     told = capsys.readouterr().err
-    assert f"unknown method '{KEY}'" in told and "alid: craig-bampton, craig-chang, " in told
+    assert f"unknown method '{KEY}'" in told and "alid: box, contact-modes, craig-bampton, craig-chang, " in told
 
 
 def test_a_method_says_all_of_what_it_is() -> None:

@@ -15,6 +15,7 @@ from benchmarks.attacks.borders import meetings
 from femsub.algebra import factors_made
 from femsub.app.cli import main
 from femsub.app.figure_style import draw
+from femsub.app.grammar import text_of
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
 from femsub.modes import match
 from femsub.reduction import METHODS
@@ -393,9 +394,9 @@ def test_a_branch_turns_colour_where_stability_is_lost_and_regained(points: int)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("name", "exact"), [("two-mode", [0.75, 0.7575]), ("ziegler", [3.5 - np.sqrt(2), 41 / 28 + 5e-5])])
 def test_scenes_tell_the_critical_values_beside_the_closed_forms(tmp_path: Path, name: str, exact: list[float]) -> None:
-    (tmp_path / "a.toml").write_text(f'scene = "{name}"\npoints = 7\n', encoding="utf-8")
+    (tmp_path / "a.toml").write_text(text_of(name).replace("points = 151", "points = 7"), encoding="utf-8")
     assert main(["run", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]) == 0
     told = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
-    lost = [row for row in told["critical-value"] if row["stability"] == "lost"]
+    lost = [row for row in told["critical"] if row["stability"] == "lost"]
     assert np.allclose([row["value"] for row in lost][:2], exact, atol=1e-10) and max(row["error"] for row in lost) < 1e-10
-    assert {row["kind"] for row in told["meetings"]} >= {"coalescence"} and (tmp_path / "out" / "flutter-diagram.png").exists()
+    assert {row["kind"] for row in told["flutter"]["meetings"]} >= {"coalescence"} and (tmp_path / "out" / "flutter.png").exists()

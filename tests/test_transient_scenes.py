@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -16,12 +17,48 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.scene import load
+from femsub.app.grammar import Scene
 from femsub.errors import InputError
 
-CHAIN = 'scene = "chain-transient"\ntime = [0, 1500]\nwindow = [1000, 1500]\n'
-DISC = ('scene = "solid-transient"\nmodes = [8, 20]\nmethods = ["CC"]\nperiods = 150\ncompared = 4\n'
-        'full_tol = 1e-4\n')
+CHAIN = """
+scene = "chain-transient"
+[[ask]]
+motion = [0, 1500]
+window = [1000, 1500]
+step = 0.2
+length = 30.0
+tol = 1e-9
+show = ["growth", "quality", "signals", "spectrum", "spectrogram"]
+"""
+BRIEF = CHAIN.replace("1500", "300").replace("1000", "100")
+COARSE = """
+scene = "solid-transient"
+[part.disc]
+solid = {radii = [0.05, 0.15], thickness = 0.012, elements = [2, 12, 1]}
+[reduce]
+methods = ["CC"]
+modes = [8, 20]
+"""
+LONG = COARSE + """
+[[ask]]
+motion = [0, 150]
+in_periods = true
+impulse = 0.1
+models = "best"
+show = ["growth", "spectrum"]
+"""
+BESIDE = """
+[[ask]]
+compare-motion = 4
+long = 150
+impulse = 0.1
+full_tol = 1e-4
+"""
+
+
+def shows(text: str, *outputs: str) -> str:
+    """The same with other outputs."""
+    return re.sub(r"show = .*", f"show = {json.dumps(outputs)}", text)
 
 
 def scene_file(folder: Path, text: str) -> str:
@@ -35,60 +72,63 @@ def test_the_chain_in_time_writes_and_draws(tmp_path: Path, capsys: pytest.Captu
     out = tmp_path / "out"
     assert main(["run", scene_file(tmp_path, CHAIN), "--out", str(out)]) == 0
     data = json.loads((out / "results.json").read_text())
-    assert data["complete"] is True and [row["model"] for row in data["models"]] == ["full", "craig-bampton", "craig-chang"]
-    assert data["models"][1]["peaks"][0] == pytest.approx(0.7245, rel=5e-3)
-    assert data["models"][2]["peaks"][0] == pytest.approx(0.7227, rel=5e-3)
-    assert all(row["energy_residual"] < 1e-6 for row in data["models"])
-    assert all(row["error"] < 0.01 for row in data["growth"]) and len(data["growth"]) == 3
-    quality = data["quality"]
+    models = data["motion"]["models"]
+    assert "complete" not in data and [row["model"] for row in models] == ["full", "craig-bampton", "craig-chang"]
+    assert models[1]["peaks"][0] == pytest.approx(0.7245, rel=5e-3)
+    assert models[2]["peaks"][0] == pytest.approx(0.7227, rel=5e-3)
+    assert all(row["energy_residual"] < 1e-6 for row in models)
+    assert all(row["error"] < 0.01 for row in data["motion-growth"]) and len(data["motion-growth"]) == 3
+    quality = data["motion-quality"]
     assert [(row["model"], row["size"], row["missing"]) for row in quality] == [("craig-bampton", 5, 4), ("craig-chang", 5, 4)]
-    rms, peak = ([row[key] for row in data["models"]] for key in ("rms", "peaks"))
+    rms, peak = ([row[key] for row in models] for key in ("rms", "peaks"))
     for at, row in enumerate(quality, start=1):
         assert row["error_amplitude"] == pytest.approx(abs(rms[at] / rms[0] - 1))
         assert row["error_frequency"] == pytest.approx(abs(peak[at][0] / peak[0][0] - 1))
-    assert {path.name for path in out.iterdir()} == {"results.json", "models.csv", "growth.csv", "quality.csv", "spectrum.csv",
-                                                     "spectrogram.csv", "signals.png", "spectrum.png",
-                                                     "spectrogram.png"}
+    assert {path.name for path in out.iterdir()} == {"results.json", "motion.csv", *(
+        f"motion-{name}.csv" for name in ("growth", "quality", "spectrum", "spectrogram")), *(
+        f"motion-{name}.png" for name in ("signals", "spectrum", "spectrogram"))}
     assert "highest" not in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_only_what_is_named_is_computed(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["spectrum"]\nmethods = ["CC"]\n'
+    text = shows(BRIEF, "spectrum") + '[reduce]\nmethods = ["CC"]\n'
     code = ("import sys; from femsub.app.cli import main; main(sys.argv[1:]); "
             "print([name for name in ('skfem', 'matplotlib', 'petsc4py') if name in sys.modules])")
     done = subprocess.run([sys.executable, "-c", code, "run", scene_file(tmp_path, text), "--out", str(out), "--no-figures"],
                           capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "[]"
     data = json.loads((out / "results.json").read_text())
-    assert "growth" not in data and "spectrogram" not in data and len(data["models"]) == 2
+    assert not {"motion-growth", "motion-quality", "motion-spectrogram"} & set(data) and len(data["motion"]["models"]) == 2
 
 
 @pytest.mark.slow
 def test_a_disc_in_time_compares_full_and_reduced_from_one_state(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert main(["run", scene_file(tmp_path, DISC), "--out", str(out)]) == 0
-    rows = json.loads((out / "results.json").read_text())["error-time"]
+    assert main(["run", scene_file(tmp_path, COARSE + BESIDE), "--out", str(out)]) == 0
+    rows = json.loads((out / "results.json").read_text())["compare-motion"]["rows"]
     assert [row["model"] for row in rows] == ["full", "craig-chang", "craig-chang"]
     assert rows[0]["method"] == "alpha" and rows[2]["method"] == "lsoda"
     assert rows[2]["amplitude_error"] < 0.02 and rows[2]["speedup"] > 5
-    assert (out / "error-time.png").stat().st_size > 10_000
+    assert (out / "compare-motion.png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    (CHAIN + "slope = -0.2", "needs a friction law"), ('scene = "chain-transient"\ntime = [5, 1]', "time must be"),
-    ('scene = "chain-transient"\ntime = [0, 100]', "reaches beyond"),
-    (CHAIN + "step = 0.1\nsizes = [3]", "unknown scene key 'sizes'"),
-    (DISC.replace("150", "2"), "periods must be at least 4"),
+    (CHAIN + "[contact.belt]\nslope = -0.2", "contact belt: the nonlinear model needs a friction law"),
+    (CHAIN.replace("[0, 1500]", "[5, 1]"), "ask 1.motion: it must be"),
+    (CHAIN.replace("[0, 1500]", "[0, 1200]"), "reaches beyond"),
+    (CHAIN.replace("step", "stepp"), "unknown key 'stepp'; did you mean 'step'"),
+    (COARSE + BESIDE.replace("150", "2"), "long must be at least 4|it must be at least 4"),
 ])
 def test_bad_scenes_are_refused(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        load(scene_file(tmp_path, text))
+        Scene.from_file(scene_file(tmp_path, text))
 
 
-def test_where_nothing_grows_the_scene_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", scene_file(tmp_path, DISC + "force = 1.0")]) == 2
+@pytest.mark.parametrize("asked", [LONG, COARSE + BESIDE])
+def test_where_nothing_grows_the_scene_says_so(asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", scene_file(tmp_path, asked + "[contact.belt]\nforce = 1.0\n")]) == 2
     assert "nothing grows" in capsys.readouterr().err
 
 
@@ -102,7 +142,7 @@ sys.exit(cli.main(sys.argv[1:]))"""
 @pytest.mark.slow
 def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    scene = scene_file(tmp_path, 'scene = "chain-transient"\ntime = [0, 1e6]\nwindow = [5e5, 1e6]\nstep = 1.0\nlength = 500\n')
+    scene = scene_file(tmp_path, shows(CHAIN, "spectrum").replace("1500", "1e6").replace("1000", "5e5").replace("0.2", "1.0"))
     running = subprocess.Popen([sys.executable, "-c", TOLD, "run", scene, "--out", str(out), "--no-figures"],
                                stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
                                # a shell has its jobs in the background ignore it, and so would all that they start
@@ -113,32 +153,32 @@ def test_ctrl_c_leaves_what_there_is_marked_as_incomplete(tmp_path: Path) -> Non
     said, errors = running.communicate(timeout=60)
     assert running.returncode == 130 and "marked as incomplete" in errors
     data = json.loads((out / "results.json").read_text())
-    assert data["complete"] is False and data["models"][0]["complete"] is False
-    assert 0 < data["models"][0]["end"] < 1e6 and data["models"][0]["rms"] is None
-    assert "incomplete" in said and np.isfinite(data["models"][0]["energy_residual"])
+    assert data["complete"] is False and data["motion"]["models"][0]["complete"] is False
+    assert 0 < data["motion"]["models"][0]["end"] < 1e6 and data["motion"]["models"][0]["rms"] is None
+    assert "incomplete" in said and np.isfinite(data["motion"]["models"][0]["energy_residual"])
 
 
 class Interrupted:
     """`transient` as a scene calls it, with Ctrl-C while the nth run is under way."""
 
     def __init__(self, nth: int) -> None:
-        self.nth, self.runs = nth, 0
+        self.nth, self.runs, self.run = nth, 0, fs.transient
 
     def __call__(self, *args: Any, **options: Any) -> fs.Transient:
         self.runs += 1
         if self.runs < self.nth:
-            return fs.transient(*args, **options)
+            return self.run(*args, **options)
 
         def stop(text: str) -> None:
             raise KeyboardInterrupt
 
-        return fs.transient(*args, **options, progress=stop)
+        return self.run(*args, **options | {"progress": stop})
 
 
 def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
     ticking = SimpleNamespace(perf_counter=itertools.count().__next__)  # a second at each look
     monkeypatch.setattr("femsub.motion.transient.clock", ticking)
-    monkeypatch.setattr("femsub.app.scenes.in_time.transient", Interrupted(nth))
+    monkeypatch.setattr(fs, "transient", Interrupted(nth))
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -146,12 +186,12 @@ def test_ctrl_c_during_the_growth_marks_the_results_as_incomplete(done: int, tmp
                                                                   capsys: pytest.CaptureFixture[str]) -> None:
     interrupted(monkeypatch, 3 + done + 1)  # after the runs of the three models
     out = tmp_path / "out"
-    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth", "spectrum"]\nfigures = false\n'
+    text = "figures = false\n" + shows(BRIEF, "growth", "spectrum")
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
     data = json.loads((out / "results.json").read_text())
     # the runs themselves are whole, and so is what is seen in them
-    assert data["complete"] is False and all(row["complete"] for row in data["models"]) and len(data["models"]) == 3
-    assert [row["model"] for row in data["growth"]] == ["full"][:done] and data["spectrum"]
+    assert data["complete"] is False and [row["complete"] for row in data["motion"]["models"]] == [True] * 3
+    assert [row["model"] for row in data["motion-growth"]] == ["full"][:done] and data["motion-spectrum"]
     printed = capsys.readouterr()
     assert "these results are incomplete" in printed.out and "marked as incomplete" in printed.err
 
@@ -160,12 +200,12 @@ def test_ctrl_c_between_two_runs_of_the_growth_is_told_as_well(tmp_path: Path, m
     def stop(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("femsub.app.scenes.in_time.growth_rate", stop)
+    monkeypatch.setattr(fs, "growth_rate", stop)
     out = tmp_path / "out"
-    text = CHAIN.replace("1500", "300").replace("1000", "100") + 'outputs = ["growth"]\nfigures = false\n'
+    text = "figures = false\n" + shows(BRIEF, "growth")
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
     data = json.loads((out / "results.json").read_text())
-    assert data["complete"] is False and data["growth"] == [] and len(data["models"]) == 3
+    assert data["complete"] is False and data["motion-growth"] == [] and len(data["motion"]["models"]) == 3
 
 
 def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -173,23 +213,21 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
         raise AssertionError("a run began")
 
     interrupted(monkeypatch, 2)  # after the long run; of CC with 18 DOF nothing grows below the cut-off: the next is of 30 DOF
-    monkeypatch.setattr("femsub.app.scenes.in_time.SolidTransientRun.error_time", never)
+    monkeypatch.setattr("femsub.app.asks.compare_motion.CompareMotion.run", never)
     out = tmp_path / "out"
-    text = DISC.replace("150", "40") + 'outputs = ["growth", "error-time", "spectrum"]\nfigures = false\n'
+    text = "figures = false\n" + LONG.replace("150", "40") + BESIDE.replace("150", "40")
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130
     data = json.loads((out / "results.json").read_text())
-    assert data["complete"] is False and [row["size"] for row in data["growth"]] == [18]
-    assert "error-time" not in data and "spectrum" in data
+    assert data["complete"] is False and [row["size"] for row in data["motion-growth"]] == [18]
+    assert "compare-motion" not in data and "motion-spectrum" in data
 
 
 def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.app.scenes import in_time
-
     runs: list[int] = []
-    monkeypatch.setattr(in_time, "transient", lambda model, *args, **options: runs.append(model.size) or
-                        fs.transient(model, *args, **options))
-    text = DISC.replace("150", "4").replace("[8, 20]", "[20]") + 'elements = [2, 12, 1]\nrepeats = 2\noutputs = ["error-time"]\n'
-    scene, run = load(scene_file(tmp_path, text))
-    rows = run(scene, lambda _: None).data["error-time"]
+    plain = fs.transient
+    monkeypatch.setattr(fs, "transient", lambda model, *args, **options: runs.append(model.size) or
+                        plain(model, *args, **options))
+    text = COARSE.replace("[8, 20]", "[20]\nrepeats = 2") + BESIDE.replace("150", "4")
+    rows = Scene.from_file(scene_file(tmp_path, text)).run(lambda _: None).data["compare-motion"]["rows"]
     small = rows[1]["size"]
     assert runs == [small, rows[0]["size"], small, small]

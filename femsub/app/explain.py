@@ -106,7 +106,8 @@ def _about(one: Key, owner: Any) -> str:
     words += ", or \"5 kHz\" where units are given" if one.in_hertz else ""
     words += f": {', '.join(one.choices(owner))}" if one.choices is not None else ""
     standard = one.otherwise or ("" if one.default in (None, "", [], {}) else toml(one.default))
-    return words + ("; required" if one.required else f"; default: {standard}" if standard else "")
+    needed = "; required" if one.required else f"; required with {one.required_with}" if one.required_with else ""
+    return words + (needed or (f"; default: {standard}" if standard else ""))
 
 
 def toml(value: Any) -> str:
@@ -158,8 +159,11 @@ def _paragraph(text: str, indent: str = "") -> list[str]:
 
 
 def schema() -> dict[str, Any]:
-    """The schema of scene files. A table of a family is of the kind whose key stands in it."""
-    known = Kinds()
+    """The schema of scene files. A table of a family is of the kind whose key stands in it, or in the scene that it begins with.
+
+    Without kinds of one's own, `use`, a table has no other keys than those of femsub's kinds.
+    """
+    known, strict = Kinds(), dict[str, Any]()
     properties: dict[str, Any] = {"scene": {"enum": list(built_in()), "description": "a built-in scene that this one begins with"}}
     properties |= _table(Settings)["properties"]
     for name in ("material", "parameter"):
@@ -169,16 +173,21 @@ def schema() -> dict[str, Any]:
         names = known.names(family)
         shapes = [_table(known.kind(family, name)) for name in names]
         every: dict[str, Any] = {}
+        values: dict[str, list[Any]] = {}
         for made in shapes:  # editors do not look for completions behind an `if`
             for key, one in made["properties"].items():
                 every.setdefault(key, {"description": one.get("description", "")})
+                value = {word: what for word, what in one.items() if word not in ("description", "default")}
+                values.setdefault(key, []).extend([value] * (value not in values.get(key, [])))
+        one_at_least = {"properties": {key: _any(ways) for key, ways in values.items()}, "propertyNames": {"enum": list(values)}}
+        strict[family] = {"additionalProperties": one_at_least, "items": one_at_least}
         one_of = {"type": "object", "properties": every, "allOf": [
             {"if": {"required": [name]}, "then": made} for name, made in zip(names, shapes, strict=True)]}
         tables: dict[str, Any] = {"type": "object", "additionalProperties": one_of}
         listed = {"type": "array", "items": one_of}
         properties[family] = tables if family == "part" else listed if family == "ask" else {"anyOf": [tables, listed]}
     return {"$schema": DIALECT, "title": "femsub scene file", "type": "object", "minProperties": 1, "properties": properties,
-            "additionalProperties": False,
+            "additionalProperties": False, "if": {"required": ["use"]}, "else": {"properties": strict},
             "description": "What there is, and what is asked. `femsub keys` explains the tables and their keys."}
 
 
@@ -219,8 +228,9 @@ def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
             length = one.length
             ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | (
                 {"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.distinct else {}))
-            if length is None and not dataclasses.is_dataclass(inner) and item_kind(inner) is None:
-                ways += [bare for bare in single if bare not in ways]  # one value does for a list of one
+            if length is None and item_kind(inner) is None:
+                bare = [{"not": {"type": "array"}}] if single == [{}] else single
+                ways += [way for way in bare if way not in ways]  # one value does for a list of one
         else:
             ways.append(_value(way, one, owner))
     return ways

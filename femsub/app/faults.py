@@ -67,6 +67,9 @@ class Faults:
         """The line of a value, or of the nearest table around it; 0 where it does not stand in the file."""
         keys = tuple(place)
         while keys and keys not in self.lines:
+            within = [line for one, line in self.lines.items() if one[:len(keys)] == keys]  # [part.disc] stands for part
+            if within:
+                return min(within)
             keys = keys[:-1]
         return self.lines.get(keys, 0)
 

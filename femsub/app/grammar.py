@@ -23,20 +23,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
 from importlib.util import module_from_spec, spec_from_file_location
+from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from femsub.app.asks import Ask
+from femsub.app.asks import Ask, check_bounds, parameter_of
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, Joint, facing_set
+from femsub.app.joints import GROUND, JointKind, facing_set
 from femsub.app.keys import key, keys_of, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
-from femsub.app.parts import MaterialKeys, Part, Site
+from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
 from femsub.checks import resolved, word
 from femsub.errors import FemsubError, InputError, unknown_name
@@ -156,11 +157,13 @@ class Scene:
     """
 
     def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
-                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True) -> None:
+                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True, variant: bool = False) -> None:
+        self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         self._allowed = allowed
-        faults = Faults(source, text)
+        faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
             self.kinds = Kinds(self._modules(table.get("use", [])))
         faults.check()
@@ -235,6 +238,10 @@ class Scene:
         table = self.table
         families = {"material": MaterialKeys, "parameter": ParameterKeys}
         above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
+        for name in (one for one in above if one not in keys_of(Settings)):
+            faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
+                                             ["scene", *keys_of(Settings), "reduce", *families, *FAMILIES]))
+        above = {name: value for name, value in above.items() if name in keys_of(Settings)}
         settings = made(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
@@ -253,14 +260,14 @@ class Scene:
                     kind: Any = families[family]
                 else:
                     kind = None
-                    with faults.at(place):
+                    with faults.at((*place, next(iter(one), "kind"))):
                         kind = self.kinds.of(family, one)
                 if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
         self.parts: dict[str, Part] = found["part"]
-        self.joints: dict[str, Joint] = found["joint"]
+        self.joints: dict[str, JointKind] = found["joint"]
         self.contacts: dict[str, ContactKind] = found["contact"]
         self.asks: list[Ask] = list(found["ask"].values())
         given = table.get("reduce")
@@ -268,8 +275,8 @@ class Scene:
             faults.add(("reduce",), "it must be a table, [reduce]")
         self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults, hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
-            if name not in self.parts:
-                faults.add(("reduce", "methods"), unknown_name("part", name, self.parts))
+            if name not in (every := table.get("part", {})):  # which may have faults of their own
+                faults.add(("reduce", "methods"), unknown_name("part", name, every))
 
     def _tables(self, family: str, faults: Faults) -> Iterator[tuple[str, tuple[Any, ...], Mapping[str, Any]]]:
         """The tables of a family with their names and places: [family.NAME], or [[family]] in their order."""
@@ -306,7 +313,11 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
-            self.store[place] = part.mesh(self.site(name))
+            from femsub.io import texts_read
+
+            with texts_read() as texts:
+                self.store[place] = part.mesh(self.site(name))
+            self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
@@ -332,7 +343,7 @@ class Scene:
         name, _, rest = end.partition(".")
         return name, rest
 
-    def site(self, name: str) -> Site:
+    def site(self, name: str) -> PartSite:
         """Where a part is made, with what others need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
@@ -343,13 +354,14 @@ class Scene:
         for contact in self.contacts.values():
             interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
         flat = [one for several in interface for one in several]
-        return Site(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
+        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
 
     def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
         """The sets or DOF of the interface that an end names."""
         name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
         if mark == ":":
-            return [int(one) for one in rest.split(",") if one.strip().isdecimal()]
+            numbers = [int(one) for one in rest.split(",") if one.strip().isdecimal()]
+            return numbers if type(self.parts[name]).KIND == "matrices" else []  # elsewhere numbers are masses or places
         if not mark or rest in self.parts[name].port_names:
             return []
         if at == 1 and getattr(joint, "facing", False):
@@ -371,20 +383,22 @@ class Scene:
         for name, part in self.parts.items():
             with faults.at(("part", name)):
                 meshes[name] = mesh = self.mesh(name)
+                known = {**mesh.sets, **mesh.groups} if mesh is not None else {}
                 for key_, one in part.sets_named() if mesh is not None else ():
-                    if one not in (known := {**mesh.sets, **mesh.groups}):
+                    if one not in known:
                         faults.add(("part", name, key_), unknown_name("set", one, known))
             for material in self._materials_of(part):
                 if material not in self.materials:
                     faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
         links: list[set[str]] = []
         for family, several in (("joint", self.joints), ("contact", self.contacts)):
-            for name, one in several.items():
-                place = (*self.place(family, name), type(one).KIND)
-                ends = [*(one.ends if isinstance(one, Joint) else (*one.places, *one.surfaces))]
+            for name, joint in several.items():
+                place = (*self.place(family, name), type(joint).KIND)
+                ports = joint.places if isinstance(joint, ContactKind) else []
+                ends = [*ports, *(joint.surfaces if isinstance(joint, ContactKind) else joint.ends)]
                 for end in ends:
                     with faults.at(place):
-                        self._check_end(end, meshes, port=isinstance(one, ContactKind) and end in one.places)
+                        self._check_end(end, meshes, port=end in ports)
                 links.append({self._part_of(end) for end in ends} - {GROUND})
         if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
             faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub scenes`")
@@ -393,9 +407,25 @@ class Scene:
         lone = {name for ask in self.asks for name in ask.parts_named()}
         self._check_joined(links, lone, faults)
         if not faults.found:
+            for name, given in self.parameters.items():
+                if not given.acts:
+                    with faults.at(("parameter", name)):
+                        parameter_of(self, name)
+                        check_bounds(self, name, [*given.between, *([] if given.value is None else [given.value])])
             for at, ask in enumerate(self.asks):
                 with faults.at(("ask", at)):
                     ask.check(self)
+        if not faults.found and not self.variant:
+            for at, ask in enumerate(self.asks):
+                with faults.at(("ask", at, "vary")):
+                    self._check_varied(ask)
+
+    def _check_varied(self, ask: Ask) -> None:
+        """Refuses keys that are not there, and values that they cannot have."""
+        if empty := [path for path, values in ask.vary.items() if not values]:
+            raise InputError(f"{empty[0]!r} has no values")
+        for values in product(*ask.vary.values()) if ask.vary else ():
+            self.varied(dict(zip(ask.vary, values, strict=True)))
 
     def _check_joined(self, links: Sequence[set[str]], lone: set[str], faults: Faults) -> None:
         """Notes parts that nothing joins to the others."""
@@ -457,10 +487,19 @@ class Scene:
         for path, value in changes.items():
             *above, last = path.split(".")
             here = table
-            for one in above:
-                here = here.setdefault(one, {})
+            for at, one in enumerate(above):
+                if isinstance(here, list):
+                    if not (one.isdecimal() and 1 <= int(one) <= len(here)):
+                        raise unknown_name(".".join(above[:at]), one, map(str, range(1, len(here) + 1)))
+                    here = here[int(one) - 1]
+                elif at == 1 and above[0] in FAMILIES and one not in here:
+                    raise unknown_name(above[0], one, here)
+                else:
+                    here = here.setdefault(one, {})
+            if not isinstance(here, dict):
+                raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed)
+        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed, True)
         made.figures = self.figures
         return made
 
@@ -472,7 +511,7 @@ class Scene:
 
     def without_figures(self) -> Self:
         """The scene, which draws nothing."""
-        self.figures = False
+        self.figures = self.table["figures"] = False
         return self
 
     def __repr__(self) -> str:

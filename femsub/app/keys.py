@@ -22,8 +22,8 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from femsub.app.faults import Faults, Place
-from femsub.checks import check_band, choice, finite_number, interval, shown, whole_number
-from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.checks import choice, finite_number, interval, shown, whole_number
+from femsub.errors import InputError, unknown_name
 
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
@@ -119,8 +119,9 @@ def key(default: Any, meaning: str, **known: Any) -> Any:
     return dataclasses.field(default=default, metadata=metadata)
 
 
+@cache
 def keys_of(kind: type) -> dict[str, Key]:
-    """The keys of a scene or of a table, by name: those that are required first, those that all scenes share last.
+    """The keys of a table, by name: that of its kind and those that are required first, those that all of its family share last.
 
     A key that a class declares anew with a default is not required any more.
     """
@@ -134,7 +135,8 @@ def keys_of(kind: type) -> dict[str, Key]:
             found[item.name] = dataclasses.replace(known, type=hints[item.name], default=default,
                                                    required=known.required and "key" in item.metadata)
     general = keys_of(base) if (base := next(filter(dataclasses.is_dataclass, reversed(kind.__mro__)))) is not kind else {}
-    return dict(sorted(found.items(), key=lambda pair: (not pair[1].required, pair[0] in general)))
+    own = getattr(kind, "KIND", "").replace("-", "_")
+    return dict(sorted(found.items(), key=lambda pair: (pair[0] != own, not pair[1].required, pair[0] in general)))
 
 
 _types = cache(get_type_hints)  # get_type_hints reads the text of each annotation anew, of all classes before this one
@@ -176,44 +178,6 @@ def type_words(declared: Any, many: bool = False) -> str:
     return " or ".join(words)
 
 
-def values_of(kind: type, table: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """The values of a table by key, each of the type that is declared; whole numbers do for floats, one value for a list of one.
-
-    Raises
-    ------
-    InputError
-        Keys that do not exist (the nearest ones are named), values of the wrong type, an empty list: all of them are listed.
-    """
-    declared, values, unknown = keys_of(kind), {}, []
-    wrong: list[FemsubError] = []
-    for name in table:
-        if name not in declared and name not in getattr(kind, "WITHOUT", {}):
-            unknown.append(where + name)
-            continue
-        try:
-            if name not in declared:
-                raise InputError(f"scene key {where + name!r}: {kind.WITHOUT[name]}")  # type: ignore[attr-defined]
-            one, value = declared[name], table[name]
-            if value == []:
-                raise InputError(f"scene key {where + name!r} is an empty list; leave the key out to take its default")
-            if one.in_hertz and isinstance(value, list):  # ends in hertz become rad per second
-                ends = [(end, HERTZ.fullmatch(end) if isinstance(end, str) else None) for end in value]
-                for end, hertz in ends:
-                    if hertz and not table.get("units"):
-                        raise InputError(f"scene key {where + name!r}: {end!r} is given in hertz, which needs the unit of time: "
-                                         "give units, e.g. units = \"SI\"")
-                value = [2 * pi * float(hertz[1]) * (1000 if hertz[2] else 1) if hertz else end for end, hertz in ends]
-            values[name] = _typed(where + name, value, one.type)
-        except FemsubError as error:
-            wrong.append(error)
-    if unknown:
-        wrong.append(unknown_name("scene key", unknown[0], [where + one for one in [*([] if where else ["scene"]), *declared]],
-                                  *unknown[1:]))
-    if wrong:
-        raise wrong[0] if len(wrong) == 1 else InputError("; ".join(map(str, wrong)))
-    return values
-
-
 def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hertz: bool = True) -> Any:
     """An instance of a class of keys, from a table that stands at a place of a file; None if there are faults, which are noted.
 
@@ -223,6 +187,9 @@ def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hert
     spelling = {kind.KIND: kind.KIND.replace("-", "_")} if getattr(kind, "KIND", "") else {}
     for name, value in table.items():
         field = spelling.get(name, name)
+        if why := getattr(kind, "WITHOUT", {}).get(name):
+            faults.add((*place, name), f"there is no such key here: {why}")
+            continue
         if field not in declared or (field != name and name not in spelling):
             valid = [key for key in declared if key not in spelling.values()]
             faults.add((*place, name), str(unknown_name("key", name, [*valid, *spelling])))
@@ -242,7 +209,7 @@ def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hert
 
 def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz: bool) -> Any:
     """A value of the type, and within the bounds, of its key."""
-    if value == [] and item_kind(one.type):
+    if value == [] and any(map(item_kind, kinds(one.type))):
         raise InputError("it is an empty list. Leave the key out to take its default")
     if one.in_hertz and isinstance(value, list):
         value = [in_radians(end, hertz) for end in value]
@@ -252,11 +219,15 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
         inner = item_kind(kind)
         if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
             return made(kind, value, place, faults, hertz)
-        if inner is not None and dataclasses.is_dataclass(inner) and isinstance(value, list) and \
-                all(isinstance(item, Mapping) for item in value):
-            return [made(inner, item, (*place, at), faults, hertz) for at, item in enumerate(value)]
-    value = _typed("it", value, one.type)
-    check_value(one, "it", value, owner)
+        if dataclasses.is_dataclass(inner):
+            items = {(*place, at): item for at, item in enumerate(value)} if isinstance(value, list) else {(*place,): value}
+            if all(isinstance(item, Mapping) for item in items.values()):
+                return [made(inner, item, at, faults, hertz) for at, item in items.items()]
+        if get_origin(kind) is dict and dataclasses.is_dataclass(get_args(kind)[1]) and isinstance(value, Mapping) and \
+                all(isinstance(item, Mapping) for item in value.values()):
+            return {name: made(get_args(kind)[1], item, (*place, name), faults, hertz) for name, item in value.items()}
+    value = _typed(value, one.type)
+    check_value(one, value, owner, str(place[-1]))
     return value
 
 
@@ -270,40 +241,21 @@ def in_radians(value: Any, known: bool) -> Any:
     return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
 
 
-def check_keys(scene: Any, where: str = "") -> None:
-    """Checks each value of a scene, or of a table that stands at `where`, against what is known of its key.
-
-    Raises
-    ------
-    InputError
-        A value beyond its bounds, an unknown word, a list of the wrong length, a key that is missing.
-    """
-    declared = keys_of(type(scene))
-    empty = {name for name in declared if getattr(scene, name) in (None, "", [])}
-    for field, one in declared.items():
-        value, name = getattr(scene, field), where + field
-        if field in empty:
-            if one.required or (one.required_with and one.required_with not in empty):
-                raise InputError(f"scene key {name!r} is missing: {one.meaning}")
-            continue
-        check_value(one, name, value, type(scene), field == "band")
-
-
-def check_value(one: Key, name: str, value: Any, owner: Any, band: bool = False) -> None:
+def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
     """Checks a value against what is known of its key."""
     if one.length and (isinstance(value, list) and len(value) != one.length):
-        raise InputError(f"{name} must be {one.form}, not {shown(value)}")
+        raise InputError(f"it must be {one.form}, not {shown(value)}")
     if one.form in RANGES and isinstance(value, list):
-        check_band(value) if band else interval(name, value)
+        interval("it", value)
     if one.distinct and (twice := [item for item in value if value.count(item) > 1]):
-        raise InputError(f"{name}: {twice[0]!r} is listed {value.count(twice[0])} times")
+        raise InputError(f"{twice[0]!r} is listed {value.count(twice[0])} times")
     for place, item in enumerate(value if isinstance(value, list) else [value], 1):
         if one.type in (int, list[int]):
-            whole_number(name, item, least=one.least, most=one.most)  # type: ignore[arg-type]
+            whole_number("it", item, least=one.least, most=one.most)  # type: ignore[arg-type]
         elif isinstance(item, (int, float)) and not one.admits(item):
             words = {"above 0": "be positive", "at least 0": "not be negative"}.get(one.bounds, f"be {one.bounds}")
             where_in_list = f" in place {place}" if isinstance(value, list) and len(value) > 1 else ""
-            raise InputError(f"{name} must {words}, but is {shown(item)}{where_in_list}")
+            raise InputError(f"it must {words}, but is {shown(item)}{where_in_list}")
         if one.choices is not None and isinstance(item, str):
             choice(name.removesuffix("s") if isinstance(value, list) else name, item, one.choices(owner))
 
@@ -318,21 +270,16 @@ def _fits(value: Any, kind: Any) -> bool:
     return isinstance(value, (int, float) if kind is float else kind) and (kind is bool or not isinstance(value, bool))
 
 
-def _typed(name: str, value: Any, declared: Any) -> Any:
+def _typed(value: Any, declared: Any, name: str = "it") -> Any:
+    """A value as its key has it: whole numbers do for floats, one value for a list of one."""
     for kind in kinds(declared):
         inner = item_kind(kind)
         if inner is not None:
             items = value if isinstance(value, list) else [value]
             if all(any(_fits(item, one) for one in kinds(inner)) for item in items):
-                return [_typed(f"{name}[{place}]" if dataclasses.is_dataclass(inner) else name, item, inner)
-                        for place, item in enumerate(items, 1)]
-        elif dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
-            assert isinstance(kind, type)
-            made = kind(**values_of(kind, value, f"{name}."))
-            check_keys(made, f"{name}.")
-            return made
+                return [_typed(item, inner, name) for item in items]
         elif get_origin(kind) is dict and isinstance(value, Mapping):
-            return {key: _typed(f"{name}.{key}", one, get_args(kind)[1]) for key, one in value.items()}
+            return {key: _typed(one, get_args(kind)[1], repr(key)) for key, one in value.items()}
         elif _fits(value, kind):
-            return finite_number(name if name == "it" else f"scene key {name!r}", value) if kind is float else value
-    raise InputError(f"{name if name == 'it' else f'scene key {name!r}'} must be {type_words(declared)}, not {shown(value)}")
+            return finite_number(name, value) if kind is float else value
+    raise InputError(f"{name} must be {type_words(declared)}, not {shown(value)}")

@@ -37,7 +37,7 @@ def checked(entry: Any) -> Any:
     if isinstance(entry, str):
         name = known(entry)
         if name not in (*reduction.METHODS, *WHOLE, FULL):
-            raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE))
+            raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE, FULL))
         return name
     if isinstance(entry, Mapping) and entry:
         return {part: checked(one) if not isinstance(one, Mapping) else {**one, "method": checked(one.get("method", ""))}

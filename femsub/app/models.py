@@ -129,6 +129,8 @@ class Models:
             found = rest if rest in parts[name].ports else self.scene.parts[name].end(rest, None)
             return name, f"m{found}" if type(self.scene.parts[name]).KIND == "chain" and isinstance(found, int) else \
                 f"{found:g}" if isinstance(found, float) else found
+        if not len(parts[name].interface):
+            raise InputError(f"{name!r} has no interface: give it one, or name here where it is joined")
         whole = [one for one, rows in parts[name].sets.items() if len(rows) == len(parts[name].interface_numbers)]
         return name, whole[0] if whole else parts[name].interface.tolist()  # a set is matched by place, a list in its order
 
@@ -240,6 +242,21 @@ class Models:
         """That of an ask, or of the scene."""
         return (given[0], given[1]) if given else self.band
 
+    def band_below(self, known: Known, given: Sequence[float] = ()) -> tuple[float, float]:
+        """That of an ask, or of the scene, up to a model's cut-off.
+
+        Raises
+        ------
+        InputError
+            The cut-off lies below the band.
+        """
+        lo, hi = self.band_of(given)
+        cutoff = float(getattr(known.model, "cutoff", np.inf))
+        if cutoff <= lo:
+            raise InputError(f"the cut-off of the model of {known.model.size} DOF, {cutoff:.6g} rad/time, lies below the band. Keep "
+                             "more modes")
+        return lo, min(hi, cutoff)
+
     # reduced models
 
     def reductions(self) -> list[tuple[str, int, tuple[Any, ...]]]:
@@ -252,6 +269,8 @@ class Models:
                 if steps:
                     key = "box" if isinstance(steps[-1], fs.ParameterBox) else key_of(steps)
                     found.setdefault(repr(steps), (key, count, steps))
+        if keys.sizes and keys.methods and not found:
+            raise InputError(f"sizes: no model of {max(keys.sizes)} DOF has room for the interface of {len(self.full.interface)}")
         return list(found.values())
 
     def _step(self, entry: Any, row: int, count: int, sized: bool) -> Any:
@@ -266,7 +285,9 @@ class Models:
             return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
-                count -= len(full.interface)
+                if count > full.size:
+                    raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
+                count -= METHODS[entry](0).static_columns(full)
                 if count < 0:
                     return None
             elif count > full.size:

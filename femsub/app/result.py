@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from html import escape
 from typing import Any, NamedTuple, TypeAlias
 
 from femsub import studies
@@ -93,3 +96,19 @@ class Result:
         if choices and not whole:
             parts.append(f"All tables ({len(self.tables)}): -v prints them, --out DIR writes them.")
         return units.said("\n\n".join(filter(None, parts)))
+
+    def _repr_html_(self) -> str:
+        """For notebooks: sentences, tables, charts and pictures, in their order."""
+        from femsub.app.figure_style import render
+
+        parts: list[str] = []
+        for one in self.shown:
+            if isinstance(one, str):
+                parts.append(f"<p>{escape(one)}</p>")
+            elif isinstance(one, studies.Table):
+                parts.append(one._repr_html_())
+            elif isinstance(one, (studies.Chart, Picture)) and one.name in self.drawings:
+                file = io.BytesIO()
+                render(self.drawings[one.name], file)
+                parts.append(f'<img alt="{escape(one.name)}" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">')
+        return "\n".join(filter(None, parts))

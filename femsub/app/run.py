@@ -37,7 +37,9 @@ def run_all(scene: Scene, progress: Progress) -> Result:
                 failed[name] = error
                 part = Result({}, [f"{name}: failed; {error}"])
             parts.append(part)
-            complete = complete and part.data.get("complete", True)  # False: interrupted within it
+            complete = part.data.get("complete", True)  # False: interrupted within it
+            if not complete:
+                break
     complete = complete and work.complete
     if failed and len(failed) == len(scene.asks):
         raise next(iter(failed.values()))
@@ -68,6 +70,11 @@ def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
     if repairs := [line for mesh in models.meshes.values() for line in mesh.repairs]:
         data["repairs"] = repairs
         lines.append(f"mesh: {'; '.join(repairs)}")
+    _ = models.contacts
+    if models.alone and not models.pencil:
+        with scene.faults.at(("reduce",)):
+            models.reductions()
+        scene.faults.check()  # before anything is computed
     contacts = [one.words for one in scene.contacts.values()]  # type: ignore[attr-defined]
     if contacts:
         data["contacts"] = contacts

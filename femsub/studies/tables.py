@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -212,6 +213,15 @@ class Table:
         return table([one.head for one in shown], [[one.printed(row) for one in shown] for row in self.rows[:self.most]],
                      [one.form for one in shown], [one.head for one in shown if one.unit == RATE] if hertz else (), self.keys,
                      self.none)
+
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the printed columns, or all where none are printed."""
+        shown = self._printed or self.every
+        cells = [[f"<th>{escape(one.head)}</th>" for one in shown], *(
+            [f"<td>{escape(_cell(one.printed(row), one.form))}</td>" for one in shown] for row in self.rows[:self.most])]
+        caption = f"<caption>{escape(self.title)}</caption>" if self.title else ""
+        return f"<table>{caption}" + "".join(f"<tr>{''.join(row)}</tr>" for row in cells) + "</table>"
 
 
 def grouped(rows: Iterable[Any], *keys: str) -> dict[Any, list[Any]]:

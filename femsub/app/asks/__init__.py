@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.keys import key
+from femsub.app.keys import check_value, key, keys_of
 from femsub.app.kinds import Kind
 from femsub.errors import InputError, unknown_name
 
@@ -87,7 +87,7 @@ class Ask(Kind):
 
 def shown(value: Any) -> Any:
     """A value of `vary` in a table."""
-    return "{" + ", ".join(map(str, value)) + "}" if isinstance(value, list) else value
+    return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
 
 
 def parameter_of(scene: Scene, name: str) -> None:
@@ -103,7 +103,7 @@ def parameter_of(scene: Scene, name: str) -> None:
         return
     names = {one for contact in scene.contacts.values() for one in contact.parameters()}
     for part in scene.parts.values():
-        names |= set(getattr(part, "names", ()))
+        names |= set(part.names)
     names |= {one for one, keys in scene.parameters.items() if keys.acts}
     if name not in names:
         raise unknown_name("parameter", name, names)
@@ -115,14 +115,37 @@ def range_of(scene: Scene, name: str, between: list[float]) -> tuple[float, floa
     Raises
     ------
     InputError
-        Neither has one.
+        Neither has one; a contact cannot have these values.
     """
     if between:
+        check_bounds(scene, name, between)
         return between[0], between[1]
     given = scene.parameters.get(name)
     if given is None or given.range is None:
         raise InputError(f"between is missing: the range of {name!r}, here or in [parameter.{name}]")
     return given.range
+
+
+def check_bounds(scene: Scene, name: str, values: Iterable[float]) -> None:
+    """Refuses values of a parameter that the keys of contacts do not admit."""
+    for contact in scene.contacts.values():
+        if name in contact.parameters():
+            check_value(keys_of(type(contact))[name], list(values), type(contact), name)  # type: ignore[arg-type]
+
+
+def check_factors(scene: Scene, ask: Ask, name: str, between: tuple[float, float]) -> None:
+    """Refuses factors of matrices that have no value somewhere in the range of a parameter.
+
+    Raises
+    ------
+    InputError
+        The factor, and the place; another parameter without a value; no factor changes.
+    """
+    values = {other: one.value for other, one in scene.parameters.items() if one.value is not None and other != name}
+    later = {path.split(".")[1] for path in ask.vary if path.startswith("parameter.")}  # of which the variants have values
+    for part in scene.parts.values():
+        if hasattr(part, "check_over") and not later & set(part.names) - set(values):
+            part.check_over(name, between, values)
 
 
 def rowed(values: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:

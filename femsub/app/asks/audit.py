@@ -52,7 +52,7 @@ class ModelFiles:
 
 
 @dataclass(frozen=True)
-class Audit(Ask):
+class AuditAsk(Ask):
     """What is right, wrong, and cannot be known of reduced models."""
 
     audit: str | ModelFiles = key(PARTS, "'parts': each part that is a superelement, and each reduced model against the full one; the files "

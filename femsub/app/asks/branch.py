@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks.cycles import Cycles, small
+from femsub.app.asks.cycles import CyclesAsk, small
 from femsub.app.asks.motion import whole
 from femsub.app.keys import key
 from femsub.app.result import Result
@@ -19,7 +19,7 @@ from femsub.motion import PARAMETERS, of_signal, sliding, with_parameter
 from femsub.studies import Table, bifurcation_chart, column, label
 
 if TYPE_CHECKING:
-    from femsub import Belt, Branch as Traced, Substructure
+    from femsub import Belt, Branch, Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
     from femsub.app.result import Result
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Branch(Cycles):
+class BranchAsk(CyclesAsk):
     """Families of limit cycles over a parameter of the belt: Hopf points, stability, folds and other special points."""
 
     branch: str = key("slope", "what varies along the branches", choices=lambda _: PARAMETERS, required=True, example="slope")
@@ -69,6 +69,8 @@ class Branch(Cycles):
             last = now + 0.25 * (now - begins)
             ends = begins - 0.02 * (last - begins), last
         ends = min(ends), max(ends)
+        if self.branch == "force":
+            ends = max(ends[0], 0.0), ends[1]
         ordered = self.ordered(models)
         order = ["full", *dict.fromkeys(one.kind for one in models.reduced)]
         if not small(models.full):
@@ -129,7 +131,7 @@ class Branch(Cycles):
             Table("branch", rows, title="Branches, point by point"), Table("branch-transients", dots, title="Transients"),
             bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
 
-    def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Traced]) -> tuple[Traced, list[dict[str, Any]]]:
+    def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Branch]) -> tuple[Branch, list[dict[str, Any]]]:
         """A model whose modes are not at hand: its cycles at a few points of the last of reduced models' branches.
 
         Each starts from the cycle there. They are spread evenly from the branch's beginning, where there is no amplitude yet, to
@@ -157,7 +159,7 @@ class Branch(Cycles):
                          f"{len(points)} of {len(wanted)} cycles, from those of a reduced model"), missed
 
     def dotted(self, models: Models, name: str, model: Substructure, belt: Belt, limits: tuple[float, float], slowest: float,
-               traced: Sequence[Traced]) -> list[dict[str, Any]]:
+               traced: Sequence[Branch]) -> list[dict[str, Any]]:
         """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter.
 
         `slowest` is the frequency whose periods are counted, `traced` are the model's branches.

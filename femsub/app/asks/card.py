@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Card(Ask):
+class CardAsk(Ask):
     """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
 
     card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
@@ -36,8 +36,8 @@ class Card(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.card)[0]
-        modes = models.spectrum(known, self.at, models.band_of(self.band))
-        which = [int(one) for one in modes.unstable]
+        modes = models.spectrum(known, self.at, models.band_below(known, self.band))
+        which = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
         if not which and (at := least_stable(modes)) is not None:
             which = [at]
         cards = fs.mode_cards(known.model, models.at(self.at), modes, which,

@@ -28,7 +28,7 @@ ERRORS = ("growth", "critical", "held", "response")
 
 
 @dataclass(frozen=True)
-class Compare(Ask):
+class CompareAsk(Ask):
     """Each reduced model beside the full one: frequencies, growth rates, and run time; the smallest one that may replace it.
 
     Times are those of models made and solved anew, in turns.

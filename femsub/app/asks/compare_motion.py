@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks.motion import Motion, whole
+from femsub.app.asks.motion import MotionAsk, whole
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.checks import Interruptible
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CompareMotion(Motion):
+class CompareMotionAsk(MotionAsk):
     """The largest reduced model goes from a blow to its limit cycle. From the state it is in then, the full and all reduced models
     run on side by side.
 

@@ -20,7 +20,7 @@ from femsub.studies import Remark, Table, column, label
 if TYPE_CHECKING:
     import numpy as np
 
-    from femsub import ComplexModes as Found
+    from femsub import ComplexModes
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
     from femsub.app.result import Result, Shown
@@ -31,7 +31,7 @@ WHICH = ("full", "reduced", "all", "best")
 
 
 @dataclass(frozen=True)
-class ComplexModes(Ask):
+class ComplexModesAsk(Ask):
     """Complex eigenvalue analysis: the largest Re λ of each model, the modes that grow, the shape of the least stable one.
 
     Eigenvalues of a reduced model above its cut-off, and those of the full model beyond it, are no part of the comparison.
@@ -95,7 +95,7 @@ class ComplexModes(Ask):
                 shown += made
         return Result(data, shown, files)
 
-    def spectra(self, models: Models) -> list[tuple[Known, Found]]:
+    def spectra(self, models: Models) -> list[tuple[Known, ComplexModes]]:
         """The models with their modes; the full one first, unless reduced ones alone are asked for."""
         band = None if self.every else models.given_band if models.pencil else models.band_of(self.band)
         found = []
@@ -105,7 +105,7 @@ class ComplexModes(Ask):
             found.append((one, models.spectrum(one, self.at, limit)))
         return found
 
-    def row(self, models: Models, one: Known, found: Found, exact: Found, at: int | None, first: Known) -> dict[str, Any]:
+    def row(self, models: Models, one: Known, found: ComplexModes, exact: ComplexModes, at: int | None, first: Known) -> dict[str, Any]:
         """What a table shows of a model, beside the first one."""
         cutoff = getattr(one.model, "cutoff", np.inf)
         top = float(exact.frequencies.max(initial=0.0)) if self.every or models.pencil else models.band_of(self.band)[1]
@@ -123,7 +123,7 @@ class ComplexModes(Ask):
             data["shape_error"] = float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
         return data
 
-    def shapes(self, models: Models, found: list[tuple[Known, Found]], at: int, data: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
+    def shapes(self, models: Models, found: list[tuple[Known, ComplexModes]], at: int, data: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
         """Pictures and files of the modes that grow, or of the least stable one, of the last model that was asked for."""
         scene, units = models.scene, models.scene.units
         first, exact = found[0]
@@ -167,13 +167,13 @@ class ComplexModes(Ask):
         return shown, files
 
 
-def least_stable(modes: Found) -> int | None:
+def least_stable(modes: ComplexModes) -> int | None:
     """The eigenvalue with the largest Re λ that oscillates."""
     moving = np.flatnonzero(~modes.rigid & (modes.eigenvalues.imag > 0))
     return int(moving[np.argmax(modes.eigenvalues.real[moving])]) if len(moving) else None
 
 
-def growing(models: Models, one: Known, modes: Found) -> list[dict[str, Any]]:
+def growing(models: Models, one: Known, modes: ComplexModes) -> list[dict[str, Any]]:
     """The modes of a model that grow, with their damping ratio -Re λ/|λ| in % and each part's share of the kinetic energy."""
     chosen: np.ndarray = modes.unstable
     chosen = chosen[np.argsort(modes.eigenvalues[chosen].imag)]

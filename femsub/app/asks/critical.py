@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub import ReducedSubstructure, studies
-from femsub.app.asks import Ask, parameter_of, range_of, rowed
+from femsub.app.asks import Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError, first_few
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Critical(Ask):
+class CriticalAsk(Ask):
     """The first loss of stability over a parameter, and with `every` all losses and regains with their proof.
 
     'slope' of a belt is the largest dμ/dv ≤ 0 at which a mode of the band reaches the axis. It has no range.
@@ -51,7 +51,7 @@ class Critical(Ask):
         super().check(scene)
         parameter_of(scene, self.critical)
         if not self.by_slope:
-            range_of(scene, self.critical, self.between)
+            check_factors(scene, self, self.critical, range_of(scene, self.critical, self.between))
         elif not any(type(one).KIND == "belt" for one in scene.contacts.values()):
             raise InputError("between is missing: only the slope of a belt has no range")
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Cycles(Ask):
+class CyclesAsk(Ask):
     """Limit cycles that begin from modes of the band, by harmonic balance, with their stability.
 
     Those of a large full model start from those of a reduced one; their stability is not computed.

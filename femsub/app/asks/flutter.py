@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of, range_of
+from femsub.app.asks import Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Flutter(Ask):
+class FlutterAsk(Ask):
     """Frequencies and growth rates of modes over a parameter, and where they meet."""
 
     flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]", required=True,
@@ -39,7 +39,7 @@ class Flutter(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         parameter_of(scene, self.flutter)
-        range_of(scene, self.flutter, self.between)
+        check_factors(scene, self, self.flutter, range_of(scene, self.flutter, self.between))
 
     def run(self, models: Models) -> Result:
         lo, hi = range_of(models.scene, self.flutter, self.between)
@@ -52,7 +52,7 @@ class Flutter(Ask):
                     label(one.kind) if one.kind != "full" else own.scene.name if models.pencil else "full"])])
                 models.say(f"modes over {self.flutter}, {name} with {one.model.size} DOF")
                 model, contacts = own.over(one, [self.flutter])
-                band = own.given_band if models.pencil and not self.band else own.band_of(self.band)
+                band = own.given_band if models.pencil and not self.band else own.band_below(one, self.band)
                 tracks[name] = fs.track(model, contacts, self.flutter, np.linspace(lo, hi, self.points), band=band)
                 if not tracks[name].eigenvalues.size:
                     raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time anywhere "

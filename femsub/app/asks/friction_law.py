@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class FrictionLaw(Ask):
+class FrictionLawAsk(Ask):
     """μ over the sliding speed, for several widths ε, of all laws; and the belt's own speed and slope."""
 
     friction_law: list[float] = key([1e-1, 1e-2, 1e-3], "widths ε beside the belt's own", unit="length/time", above=0)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Helps(Ask):
+class HelpsAsk(Ask):
     """Each change by its amount, solved anew: the largest growth with it, in the order of the effect."""
 
     helps: dict[str, float] = key({}, "changes and their amounts: {damper = 100.0} with [parameter.damper]", required=True,
@@ -45,7 +45,7 @@ class Helps(Ask):
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
         candidates = {name: replace(models.scene.parameters[name].change(models), amount=amount) for name, amount in self.helps.items()}
-        found = fs.what_helps(known.model, models.at(self.at), candidates, self.target, band=models.band_of(self.band),
+        found = fs.what_helps(known.model, models.at(self.at), candidates, self.target, band=models.band_below(known, self.band),
                               full=models.full if known.before else None, first=self.solved_in_full)
         rows = [{"change": one.name, "amount": self.helps.get(one.name, float("nan")), "growth": one.growth, "by_slope": one.by_slope,
                  "is_stable": one.is_stable, "in_full": one.in_full.growth if one.in_full is not None else None, "words": one.words}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Map(Ask):
+class MapAsk(Ask):
     """The number of growing modes and the largest growth over two parameters, with the borders as curves.
 
     A third parameter has a map for each of its values, which the page shows one at a time.
@@ -45,7 +45,7 @@ class Map(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.exact if models.pencil and not models.scene.reduce.methods else models.chosen(self.models)[0]
-        band = models.given_band if models.pencil and not self.band else models.band_of(self.band)
+        band = models.given_band if models.pencil and not self.band else models.band_below(known, self.band)
         ranges = {name: range_of(models.scene, name, []) for name in self.map}
         maps: dict[str, Any] = {}
         (third, values), = self.third.items() or {"": [0.0]}.items()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Masses(Ask):
+class MassesAsk(Ask):
     """How much of the mass the modes of the band move when the supports are accelerated."""
 
     masses: list[float] = key([0.0, 0.0, 0.0], "the point that rotations are about", unit="length", form="[x, y, z]")

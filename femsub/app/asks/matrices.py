@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Matrices(Ask):
+class MatricesAsk(Ask):
     """M, D, K, V and the DOF map of each reduced model, in a folder for each."""
 
     matrices: str = key("mtx", "the format", choices=lambda _: FORMATS)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Modes(Ask):
+class ModesAsk(Ask):
     """Normal modes of the full model: all in the band, or so many of the lowest ones, with the elastic ones counted."""
 
     modes: int | str = key("band", "how many elastic modes, or 'band': all that lie in it", choices=lambda _: ("band",))

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ModesPerPart(Ask):
+class ModesPerPartAsk(Ask):
     """Fixed-interface modes of each part for natural frequencies of the whole within a tolerance."""
 
     modes_per_part: float = key(1e-3, "the relative error of the frequencies in the band", above=0)

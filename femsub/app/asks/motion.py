@@ -20,7 +20,7 @@ from femsub.motion import sliding
 from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
 
 if TYPE_CHECKING:
-    from femsub import ComplexModes as Found, Transient
+    from femsub import ComplexModes, Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
     from femsub.app.result import Result
@@ -44,7 +44,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Motion(Ask):
+class MotionAsk(Ask):
     """Each model moves under its contacts from its own steady sliding and a blow on a port."""
 
     motion: list[float] = key([], "the time, [from, to]", unit="time", form="[from, to]", required=True, example=[0.0, 500.0])
@@ -256,7 +256,7 @@ def whole(run: Transient) -> Transient:
     return run
 
 
-def most_unstable(found: Found) -> int | None:
+def most_unstable(found: ComplexModes) -> int | None:
     """The complex mode below a model's cut-off that grows fastest; None where none grows."""
     at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff & (found.eigenvalues.real > 0))
     return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None

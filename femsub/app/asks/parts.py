@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Parts(Ask):
+class PartsAsk(Ask):
     """The parts that have meshes: a table, a picture, and a VTU file with the number of the part at each node, counted from 1."""
 
     parts: bool = key(True, "that it is asked for")

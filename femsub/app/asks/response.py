@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Response(Ask):
+class ResponseAsk(Ask):
     """h(ω), the motion at a place per force at another, and a bound of each reduced model's error."""
 
     response: list[str] = key([], "the places that are driven, 'part.port'; one alone is driven and observed", required=True,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Scatter(Ask):
+class ScatterAsk(Ask):
     """The probability that a mode grows, where parameters are uniform over their ranges, or normal with a deviation."""
 
     scatter: list[str] = key([], "the parameters that scatter", required=True, example=["mu", "stiffness"])
@@ -49,7 +49,7 @@ class Scatter(Ask):
                 lo, hi = range_of(models.scene, name, [])
                 inputs[name] = stats.uniform(lo, hi - lo)
         known = models.exact if models.pencil and not models.scene.reduce.methods else models.chosen(self.models)[0]
-        band = models.given_band if models.pencil and not self.band else models.band_of(self.band)
+        band = models.given_band if models.pencil and not self.band else models.band_below(known, self.band)
         model, contacts = models.over(known, self.scatter)
         found = fs.scatter(model, inputs, contacts=contacts, band=band, samples=self.samples, seed=self.seed, progress=models.say)
         (lo, hi) = found.interval

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Sensitivities(Ask):
+class SensitivitiesAsk(Ask):
     """∂λ/∂p of the modes that grow, or of the least stable one, with error bars: what each parameter does to growth and frequency."""
 
     sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]", required=True,
@@ -39,7 +39,7 @@ class Sensitivities(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
-        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_of(self.band))
+        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_below(known, self.band))
         of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
         if not of and (at := least_stable(modes)) is not None:
             of = [at]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Springs(Ask):
+class SpringsAsk(Ask):
     """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
 
     springs: list[float] = key([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4], "stiffness of the springs over the part's own static stiffness "

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Belt(ContactKind):
+class BeltContactKind(ContactKind):
     """Friction F μ(v0 - wᵀẋ) at a port: a belt of speed v0, pressed on with F. Linear analyses take its slope alone."""
 
     belt: str = key("", "the port it slides under, 'part.port'", required=True, example="chain.belt")

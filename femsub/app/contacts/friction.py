@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Friction(ContactKind):
+class FrictionContactKind(ContactKind):
     """Two surfaces that slide on each other, see `FrictionContact`. The second one moves along direction, or turns about axis."""
 
     friction: list[str] = key([], "the surfaces, the smaller one first: 'part.set'; the second may be 'ground'", required=True,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Linear(ContactKind):
+class LinearContactKind(ContactKind):
     """Matrices on ports, W C Wᵀ: D becomes D + W C_D Wᵀ and K becomes K + W C_K Wᵀ. They may be unsymmetric."""
 
     linear: list[str] = key([], "the ports, 'part.port'", required=True, example=["disc.normal", "disc.along"])

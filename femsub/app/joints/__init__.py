@@ -1,4 +1,4 @@
-"""Joints of a scene. `Joint` is what all kinds share; their ends are 'part.set', 'part', 'part:0,4' or 'ground'."""
+"""Joints of a scene. `JointKind` is what all kinds share; their ends are 'part.set', 'part', 'part:0,4' or 'ground'."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'
 
 
 @dataclass(frozen=True)
-class Joint(Kind):
+class JointKind(Kind):
     """What all kinds of joints have."""
 
     tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,

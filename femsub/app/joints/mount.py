@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.joints import Joint
+from femsub.app.joints import JointKind
 from femsub.app.keys import key
 from femsub.errors import InputError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Mount(Joint):
+class MountJointKind(JointKind):
     """A spring and a dashpot from the mean motion of each set to the ground, along each of the directions."""
 
     mount: list[str] = key([], "the sets of solids, 'part.set'", required=True, example=["pad.back"])

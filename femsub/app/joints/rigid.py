@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.joints import ENDS, Joint
+from femsub.app.joints import ENDS, JointKind
 from femsub.app.keys import key
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Rigid(Joint):
+class RigidJointKind(JointKind):
     """The ends move alike."""
 
     rigid: list[str] = key([], f"the ends, two or more: {ENDS}", required=True, example=["disc.front", "pad.back"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.joints import ENDS, Joint
+from femsub.app.joints import ENDS, JointKind
 from femsub.app.keys import key
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Spring(Joint):
+class SpringJointKind(JointKind):
     """A spring and a dashpot between each pair of DOF that meet, or at a port 'part.port'."""
 
     spring: list[str] = key([], f"the two ends: {ENDS}", required=True, form="[first, second]", example=["pad.back", "ground"])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.joints import GROUND, Joint
+from femsub.app.joints import GROUND, JointKind
 from femsub.app.keys import key
 from femsub.errors import InputError
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Tied(Joint):
+class TiedJointKind(JointKind):
     """Two surfaces, glued. With `facing` the second takes part with those faces alone that lie opposite the first."""
 
     tied: list[str] = key([], "the surfaces, 'part.set'; the first is the smaller one", required=True, form="[first, second]",

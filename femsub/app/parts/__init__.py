@@ -27,7 +27,7 @@ class MaterialKeys:
     loss: float = key(0.0, "loss factor of its structural damping", least=0)
 
 
-class Site(NamedTuple):
+class PartSite(NamedTuple):
     """Where a part is made: its name, the folder of its files, all materials, and what others want of it."""
 
     name: str
@@ -71,6 +71,11 @@ class Part(Kind):
     FAMILY: ClassVar[str] = "part"
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters of its matrices."""
+        return ()
+
+    @property
     def port_names(self) -> list[str]:
         """Its ports."""
         return list(self.ports)
@@ -79,24 +84,24 @@ class Part(Kind):
         """The keys that name sets of the mesh, each with the set."""
         return ()
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         """The mesh, which is read or made before anything is assembled; None of parts without one."""
         return None
 
-    def prefer(self, site: Site) -> list[Any]:
+    def prefer(self, site: PartSite) -> list[Any]:
         """The interface: as it is given, then what joints and contacts name."""
         return list(dict.fromkeys([*self.interface, *site.interface]))
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         """The substructures."""
         raise NotImplementedError
 
-    def one(self, site: Site, sub: Substructure, mesh: Mesh | None = None) -> Made:
+    def one(self, site: PartSite, sub: Substructure, mesh: Mesh | None = None) -> Made:
         """A part that is one substructure."""
         sub = fs.damped(sub, structural=self.loss) if self.loss else sub
         return Made({site.name: sub}, (), {site.name: mesh} if mesh is not None else {})
 
-    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         """A change of a constant of its material, in a group of cells; `part` names it in a system."""
         raise InputError(f"a part of the kind {self.KIND!r} has no material that could change")
 
@@ -125,7 +130,7 @@ def rates(given: Sequence[float]) -> tuple[float, float] | None:
 RAYLEIGH: dict[str, Any] = {"unit": "1/time, time", "form": "[alpha, beta]", "otherwise": "none", "example": [5.0, 1e-7]}
 
 
-def from_file(site: Site, name: str) -> Path:
+def from_file(site: PartSite, name: str) -> Path:
     """A file that a part names.
 
     Raises

@@ -13,18 +13,18 @@ import femsub as fs
 from femsub.algebra import as_matrix
 from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site
+from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.errors import InputError
 from femsub.io import read_aligned
 
 if TYPE_CHECKING:
-    from femsub import Affine as Family, Mesh
+    from femsub import Affine, Mesh
     from femsub.checks import Matrix
 
 
 @dataclass(frozen=True)
-class Term:
+class Summand:
     """One matrix of a sum, and its factor."""
 
     matrix: str | list[list[float]] = key("", "the file of the matrix, 'model.mat:DR' of one in it, or its rows", required=True,
@@ -37,20 +37,21 @@ class Term:
 class Sums:
     """The sums. Any of the matrices may be unsymmetric."""
 
-    M: list[Term] = key([], "masses", required=True)
-    D: list[Term] = key([], "dampings and gyroscopic terms", otherwise="none")
-    K: list[Term] = key([], "stiffnesses and circulatory terms", required=True)
+    M: list[Summand] = key([], "masses", required=True)
+    D: list[Summand] = key([], "dampings and gyroscopic terms", otherwise="none")
+    K: list[Summand] = key([], "stiffnesses and circulatory terms", required=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
 
 
 @dataclass(frozen=True)
-class Affine(Part):
+class AffinePart(Part):
     """A pencil of your own matrices with factors of parameters, such as D1 + mu/speed DR + speed DG and K1 + mu KR + speed² Kgeo.
 
     It is no part that could be joined or reduced by itself. Its parameters have ranges and values in [parameter.NAME].
     """
 
-    affine: Sums = key(None, "the matrices", required=True)
+    affine: Sums = key(None, "the matrices", required=True, example={"M": [{"matrix": "M.mtx"}], "K": [
+        {"matrix": "K.mtx"}, {"matrix": "KR.mtx", "factor": "mu"}]})
 
     KIND: ClassVar[str] = "affine"
     WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it places")
@@ -69,10 +70,28 @@ class Affine(Part):
     def __post_init__(self) -> None:
         _ = self.names  # a factor that is no expression is refused here
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def check_over(self, free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
+        """Refuses a range of a parameter in which a factor has no value somewhere, or in which none changes.
+
+        Raises
+        ------
+        InputError
+            So it is, or another parameter has no value.
+        """
+        for name in self.names:
+            if name != free and name not in values:
+                raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
+        factors = [one for terms in self.factors.values() for one in terms.values()]
+        for one in factors:
+            one.check_over(free, between, values)
+        lines = [one.lines(free, values) for one in factors]
+        if all(line and not line[1] for line in lines):
+            raise InputError(f"no factor changes with {free!r}, which cancels. Change the expression, or name another parameter")
+
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
-    def family(self, site: Site, free: tuple[str, ...], values: Mapping[str, float]) -> Family:
+    def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
         """The pencil over free parameters; the others have values."""
         matrices, sums = self.matrices(site), []
         for terms in self.factors.values():
@@ -88,7 +107,7 @@ class Affine(Part):
             sums.append(added or (None if terms is self.factors["D"] else [(0.0, A)]))
         return fs.Affine(*sums)
 
-    def matrices(self, site: Site) -> Mapping[str, Matrix]:
+    def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
         """By their places, checked, all of one size."""
         given = {f"{sum_}[{i}]": term.matrix for sum_ in "MDK" for i, term in enumerate(getattr(self.affine, sum_), 1)}
         paths = {name: found(site, one) for name, one in given.items() if isinstance(one, str)}

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import RAYLEIGH, Made, Part, Site, rates
+from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, rates
 from femsub.components import SUPPORTS
 from femsub.errors import InputError
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Beam(Part):
+class BeamPart(Part):
     """A beam along x that bends in the plane of x and w.
 
     A joint or contact names a node as 'part.left', 'part.right' or by its x, 'part.0.35'. Ports act along w.
@@ -27,10 +27,11 @@ class Beam(Part):
 
     beam: float = key(1.0, "its length", unit="length", above=0, required=True, example=1.0)
     material: str = key("", "the name of its material", required=True, example="steel")
-    elements: int = key(20, "equal elements along it", least=1)
-    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given")
+    elements: int = key(20, "equal elements along it", least=1, most=10**7)
+    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given",
+                       example=0.02)
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
-                        otherwise="I and A are given")
+                        otherwise="I and A are given", example=0.01)
     I: float = key(0.0, "second moment of area", unit="length⁴", least=0, otherwise="that of the rectangle width x height")  # noqa: E741
     A: float = key(0.0, "area", unit="length²", least=0, otherwise="that of the rectangle width x height")
     foundation: float = key(0.0, "stiffness of an elastic foundation per length", unit="force/length²", least=0)
@@ -46,7 +47,7 @@ class Beam(Part):
         if not (self.I or (self.width and self.height)) or not (self.A or (self.width and self.height)):
             raise InputError("give width and height, or I and A")
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         nodes = np.arange(self.elements + 1)
         places = nodes * (self.beam / self.elements)
         return fs.Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
@@ -56,12 +57,12 @@ class Beam(Part):
         """I and A."""
         return {"I": self.I or self.width * self.height**3 / 12, "A": self.A or self.width * self.height}
 
-    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation, part=part,
                                       rayleigh=rates(self.rayleigh), **self.section)
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)
         return self.one(site, fs.beam(
             self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation, supports={"left": self.left, "right": self.right},

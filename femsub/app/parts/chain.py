@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site
+from femsub.app.parts import Made, Part, PartSite
 from femsub.coupling import cut_chain
 from femsub.errors import InputError
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Chain(Part):
+class ChainPart(Part):
     """A chain of masses between springs, held at its left end, with a dashpot at mass 1 and a port "belt".
 
     Masses count from 1. A joint or contact names one of them as 'part.m3'.
@@ -32,7 +32,8 @@ class Chain(Part):
                                        unit="force/length", least=0)
     damping: float = key(0.1, "the dashpot at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass of the port 'belt'", least=1)
-    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is that of the belt", least=1)
+    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is that of the belt", least=1,
+                                             distinct=True)
     ports: dict[str, Any] = field(default_factory=dict)
     fixed: bool = key(True, "whether the first spring is held at its left end")
     cut: int = key(0, "number of pieces, each of which is a part; a mass at a cut belongs to both, half to each", least=0)
@@ -44,13 +45,13 @@ class Chain(Part):
     def port_names(self) -> list[str]:
         return ["belt"]
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         if self.cut or self.chain < 2:
             return None
         nodes = np.arange(self.chain)
         return fs.Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         if self.cut:
             if self.cut >= self.chain:
                 raise InputError(f"a chain of {self.chain} masses can be cut into {self.chain - 1} pieces at most, not {self.cut}")

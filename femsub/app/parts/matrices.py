@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site, from_file
+from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 from femsub.errors import unknown_name
 
 if TYPE_CHECKING:
@@ -33,29 +33,31 @@ class MatrixFiles:
 
 
 @dataclass(frozen=True)
-class Matrices(Part):
+class MatricesPart(Part):
     """A part whose matrices are in files, in any consistent units. A joint names it, 'part', or some of its DOF, 'part:0,4'."""
 
     matrices: MatrixFiles = key(None, "the files", required=True, example={"M": "M.mtx", "K": "K.mtx"})
     interface: list[int | float | str] = key([], f"interface DOF, {DOF}", least=0, otherwise="none", example=[0])
     ports: dict[str, Any] = key({}, f"places by their names: lists of DOF, {DOF}", otherwise="none", example={"belt": [1]})
 
+    rayleigh: list[float] = key([], "[alpha, beta] of the damping αM + βK, which is added", **RAYLEIGH)
+
     KIND: ClassVar[str] = "matrices"
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         own = self.matrices
         paths: dict[str, Any] = {name: found(site, getattr(own, name)) for name in ("M", "K", "D", "dofs") if getattr(own, name)}
         sub = fs.read_component(**paths, interface=self.prefer(site), ports=self.ports, name=site.name, massless=own.massless,
                                 drop_empty=own.drop_empty)
         if len(sub.interface) and not sub.sets:
             sub = fs.Substructure(sub.M, sub.K, sub.D, {ALL: sub.interface}, sub.ports, site.name, sub.dofs, H=sub.H)
-        return self.one(site, sub)
+        return self.one(site, fs.damped(sub, rayleigh=rates(self.rayleigh)) if self.rayleigh else sub)
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         raise unknown_name("set of a part from matrices; name it alone, or its DOF as 'part:0,4'. Found", words, [])
 
 
-def found(site: Site, name: str) -> Any:
+def found(site: PartSite, name: str) -> Any:
     """A file of matrices, of which one may be named behind a colon."""
     path = site.folder / name
     if not path.is_file() and ":" in path.name:

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import RAYLEIGH, Made, Part, Site, from_file, rates
+from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -32,7 +32,7 @@ class Rectangle:
 
 
 @dataclass(frozen=True)
-class Plate(Part):
+class PlatePart(Part):
     """A thin plate in a plane z = const. Ports act along w."""
 
     plate: str | Rectangle = key("", "a mesh file of triangles or axis-parallel rectangles, or a rectangle", file=True,
@@ -58,12 +58,12 @@ class Plate(Part):
                             ("ports", ports)):
             yield from ((key_, str(name)) for name in names)
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         if isinstance(self.plate, Rectangle):
             return self.plate.mesh(site.name)
         return fs.read_mesh(from_file(site, self.plate))
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)
         supports = dict.fromkeys(self.simply_supported, "simply supported") | dict.fromkeys(self.clamped, "clamped")
         options: dict[str, Any] = {"E": of.E, "nu": of.nu, "rho": of.rho, "thickness": self.thickness, "supports": supports,
@@ -74,7 +74,7 @@ class Plate(Part):
             return Made(dict(found.parts), found.joints, found.meshes)
         return self.one(site, fs.plate(mesh, interface=self.prefer(site), name=site.name, **options), mesh)
 
-    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         assert mesh is not None
         return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group or None,

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import RAYLEIGH, Made, Part, Site, from_file, motions, rates
+from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, motions, rates
 from femsub.coupling import brake_meshes
 from femsub.errors import InputError, unknown_name
 
@@ -50,10 +51,13 @@ class Shape:
         """The mesh with its sets."""
         counts = self.elements or [4, 48, 2]
         if self.brake:
-            return brake_meshes(self.size)[self.brake]
+            return _brake(self.size)[self.brake]
         made = _disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
             self.lengths, counts, self.cells, name=name)
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
+
+
+_brake = cache(brake_meshes)  # of three parts that are made in turn
 
 
 def _disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
@@ -87,7 +91,7 @@ class NearKeys:
 
 
 @dataclass(frozen=True)
-class Solid(Part):
+class SolidPart(Part):
     """A solid of hexahedra or tetrahedra. A set of nodes is held or joined in all directions, or as 'set:xy' in some."""
 
     solid: str | Shape = key("", "a mesh file, whatever femsub.read_mesh reads, or what is made", file=True, required=True,
@@ -109,12 +113,12 @@ class Solid(Part):
         for key_, names in (("supports", motions(self.supports)), ("interface", motions(self.interface)), ("ports", ports)):
             yield from ((key_, str(name)) for name in names)
 
-    def mesh(self, site: Site) -> Mesh | None:
+    def mesh(self, site: PartSite) -> Mesh | None:
         made = self.solid.mesh(site.name) if isinstance(self.solid, Shape) else fs.read_mesh(
             from_file(site, self.solid), kind=self.cells or None)
         return made.with_sets(**{name: one.nodes(made) for name, one in self.sets.items()}) if self.sets else made
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         material: Material | dict[str, Material] = site.material(self.material) if isinstance(self.material, str) else {
             group: site.material(name) for group, name in self.material.items()}
         ports = {name: (one, "y") if isinstance(one, str) else tuple(one) for name, one in (self.ports | dict(site.ports)).items()}
@@ -122,7 +126,7 @@ class Solid(Part):
         return self.one(site, fs.solid(mesh, material, supports=motions(self.supports), interface=motions(self.prefer(site)),
                                        ports=ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
 
-    def changed(self, site: Site, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         if isinstance(self.material, dict) and group not in self.material:
             raise unknown_name(f"group of {site.name!r}", group, self.material)
         name = self.material[group] if isinstance(self.material, dict) else self.material

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.app.parts import Made, Part, Site, from_file
+from femsub.app.parts import Made, Part, PartSite, from_file
 from femsub.app.parts.matrices import DOF
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ MODEL = "model.json"  # of a folder of write_matrices
 
 
 @dataclass(frozen=True)
-class Superelement(Part):
+class SuperelementPart(Part):
     """A superelement, any one of its files. A joint names its whole boundary, 'wing', or one of its grids, 'wing.11'."""
 
     superelement: str = key("", "its file (.asm, .pch, .op4, .op2, .nc), a .full file, or the model.json of a folder of "
@@ -30,7 +30,7 @@ class Superelement(Part):
 
     KIND: ClassVar[str] = "superelement"
 
-    def made(self, site: Site, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         path = from_file(site, self.superelement)
         given: dict[str, Any] = {"interface": self.interface, "ports": self.ports, "cutoff": self.cutoff}
         return self.one(site, fs.read_component(path.parent if path.name == MODEL else path, name=site.name, **{

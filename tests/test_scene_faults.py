@@ -1,0 +1,122 @@
+"""What is wrong with a scene file is refused before anything is computed: all of it at once, each fault with its line."""
+
+from __future__ import annotations
+
+import random
+import re
+from pathlib import Path
+
+import pytest
+
+from femsub.app.faults import line_numbers
+from femsub.app.grammar import Scene, text_of
+from femsub.app.models import Models
+from femsub.errors import InputError
+
+#: built-in scenes that need no files
+SCENES = ("chain", "beam", "plate", "solid", "frequency-response", "plate-parts", "solid-parts", "brake", "chain-transient",
+          "plate-limit-cycle", "two-mode", "affine")
+ASSIGNED = re.compile(r"^([a-zA-Z_-]+) = (.*)$")
+WORDS = re.compile(r'"([\w.]+)"')
+
+
+def mutated(text: str, rng: random.Random) -> tuple[str, int, str]:
+    """A scene file with one fault: the text, the line of the fault, and a word that the message must have."""
+    lines = text.split("\n")
+    keyed = [at for at, line in enumerate(lines) if ASSIGNED.match(line) and not line.startswith(("name", "note", "vary"))]
+    while True:
+        at = rng.choice(keyed)
+        key, value = ASSIGNED.match(lines[at]).groups()  # type: ignore[union-attr]
+        kind = rng.choice(("key", "type", "name", "number", "ask", "part"))
+        if kind == "key":
+            wrong = key[:-1] + "qq"
+            lines[at] = f"{wrong} = {value}"
+            return "\n".join(lines), at + 1, wrong
+        if kind == "type" and re.fullmatch(r"[-+.\de]+", value):
+            lines[at] = f'{key} = "much"'
+            return "\n".join(lines), at + 1, "much"
+        if kind == "number" and re.fullmatch(r"[+.\de]+", value) and key in (
+                "E", "rho", "thickness", "stiffness", "width", "height", "force", "chain", "elements", "points", "repeats"):
+            lines[at] = f"{key} = -3"
+            return "\n".join(lines), at + 1, "must"
+        if kind == "name" and key in ("material", "supports", "clamped", "interface", "belt", "friction", "tied", "spring", "mount",
+                                      "law", "methods", "compare") and (words := WORDS.findall(value)):
+            word = rng.choice(words)
+            lines[at] = lines[at].replace(f'"{word}"', f'"{word}qq"')
+            return "\n".join(lines), at + 1, f"{word.rpartition('.')[2]}qq"
+        if kind == "ask":
+            return f"{text}\n[[ask]]\nmodes-per-prt = 1e-3\n", len(lines) + 2, "unknown kind of ask"
+        if kind == "part":
+            return f"{text}\n[part.lone]\nchain = 3\n", len(lines) + 1, "joined to nothing"
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_mutated_scene_is_refused_with_its_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def computed(*_: object) -> None:
+        raise AssertionError("a model was made")
+
+    monkeypatch.setattr(Models, "_build", computed)
+    rng, text, path = random.Random(name), text_of(name), tmp_path / "scene.toml"
+    for _ in range(18):
+        changed, line, word = mutated(text, rng)
+        path.write_text(changed, encoding="utf-8")
+        with pytest.raises(InputError) as caught:
+            Scene.from_file(path)
+        said = str(caught.value)
+        assert f"line {line}: " in said and word in said, (line, word, said)
+        assert said.startswith(str(path))
+
+
+def test_all_faults_are_told_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text("""name = "t"
+band = [0, "8 kHz"]
+[part.x]
+beam = 1.0
+interfase = ["right"]
+[part.y]
+solid = {radii = [0.05, 0.15], thickness = 0.01, elements = [2, 12, 1]}
+material = "stel"
+supports = ["iner"]
+[[joint]]
+rigid = ["x", "w.top"]
+[[contact]]
+friction = ["y.topp", "ground"]
+stiffness = -1.0
+[[ask]]
+critical = "mu"
+[[ask]]
+foo = 3
+""", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        Scene.from_file(path)
+    lines = str(caught.value).splitlines()
+    assert lines[0] == f"{path}, {len(lines) - 1} faults:"
+    assert [int(re.search(r"line (\d+):", line)[1]) for line in lines[1:]] == [2, 3, 5, 8, 9, 11, 14, 18]  # type: ignore[index]
+
+
+def test_lines_of_tables_lists_and_texts() -> None:
+    found = line_numbers('a = 1\n[part.x]\nM = [\n  1,\n  2]\n[[ask]]\nb = """\nc = 3\n"""\n[[ask]]\nd.e = {f = 1}\n[[part.x.y]]\ng = 2\n')
+    assert found["a",] == 1 and found["part", "x"] == 2 and found["part", "x", "M"] == 3
+    assert found["ask", 0] == 6 and found["ask", 0, "b"] == 7 and ("ask", 0, "c") not in found
+    assert found["ask", 1] == 10 and found["ask", 1, "d", "e", "f"] == 11 and found["part", "x", "y", 0, "g"] == 13
+
+
+@pytest.mark.parametrize(("lines", "why"), [
+    ("[[ask]]\nflutter = 'mu'", "unknown parameter 'mu'"),
+    ("[[ask]]\ncritical = 'force'", "between is missing"),
+    ("[[ask]]\ncompare = ['growth']", "needs reduced models"),
+    ("[[ask]]\nresponse = ['chain.tip']", "unknown port of 'chain' 'tip'"),
+    ("[[ask]]\nmodes-per-part = 1e-3", "needs several parts"),
+    ("[contact.belt]\nslope = -0.1\n[[ask]]\ncycles = 1", "needs a friction law"),
+    ("[[ask]]\ncomplex-modes = 'all'\nat = {nu = 0.3}", "unknown parameter 'nu'"),
+    ("[[ask]]\nmap = ['slope', 'force']", "between is missing"),
+    ("[[ask]]\nhelps = {force = 1.0}", "is no change"),
+])
+def test_an_analysis_that_cannot_be_is_refused(lines: str, why: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(f"[part.chain]\nchain = 4\n{'' if '[contact' in lines else '[contact.belt]'}\n{lines}\n".replace(
+        "[contact.belt]\n", "[contact.belt]\nbelt = 'chain.belt'\n", 1), encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(why)) as caught:
+        Scene.from_file(path)
+    assert re.search(r"line \d+: ask 1", str(caught.value))
