@@ -39,7 +39,8 @@ def mutated(text: str, rng: random.Random) -> tuple[str, int, str]:
                 "E", "rho", "thickness", "stiffness", "width", "height", "force", "chain", "elements", "points", "repeats"):
             lines[at] = f"{key} = -3"
             return "\n".join(lines), at + 1, "must"
-        if kind == "name" and key in ("material", "supports", "clamped", "interface", "belt", "friction", "tied", "spring", "mount",
+        if kind == "name" and key in ("material", "supports", "clamped", "interface", "belt", "friction", "tied", "spring",
+                                      "mount",
                                       "law", "methods", "compare") and (words := WORDS.findall(value)):
             word = rng.choice(words)
             lines[at] = lines[at].replace(f'"{word}"', f'"{word}qq"')
@@ -96,7 +97,8 @@ foo = 3
 
 
 def test_lines_of_tables_lists_and_texts() -> None:
-    found = line_numbers('a = 1\n[part.x]\nM = [\n  1,\n  2]\n[[ask]]\nb = """\nc = 3\n"""\n[[ask]]\nd.e = {f = 1}\n[[part.x.y]]\ng = 2\n')
+    found = line_numbers('a = 1\n[part.x]\nM = [\n  1,\n  2]\n[[ask]]\nb = """\nc = 3\n"""\n[[ask]]\nd.e = {f = '
+                         '1}\n[[part.x.y]]\ng = 2\n')
     assert found["a",] == 1 and found["part", "x"] == 2 and found["part", "x", "M"] == 3
     assert found["ask", 0] == 6 and found["ask", 0, "b"] == 7 and ("ask", 0, "c") not in found
     assert found["ask", 1] == 10 and found["ask", 1, "d", "e", "f"] == 11 and found["part", "x", "y", 0, "g"] == 13

@@ -463,9 +463,7 @@ class Scene:
         if type(part).KIND == "affine":
             raise InputError(f"{name!r} is a pencil of matrices, which can be neither joined nor under a contact")
         if port:
-            ports = part.port_names
-            if rest not in ports or mark != ".":
-                raise unknown_name(f"port of {name!r}", rest or end, ports)
+            part.check_port(name, rest if mark == "." else end)
             return
         if mark == ":":
             if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):

@@ -21,6 +21,7 @@ from femsub.errors import InputError, PortWarning
 from femsub.model import MOTIONS, contacts_at, family_of
 from femsub.modes import beside_the_full
 from femsub.reduction import METHODS, Method
+from femsub.stability import pencil_over
 from femsub.studies import in_words, key_of, reduced_by, with_value
 
 if TYPE_CHECKING:
@@ -371,7 +372,7 @@ class Models:
 
     def spectrum(self, known: Known, values: Mapping[str, float] | None = None, band: tuple[float, float] | None = None,
                  evidence: bool | None = None) -> fs.ComplexModes:
-        """Complex modes in a band at values of parameters, all without a band."""
+        """Complex modes in a band at values of parameters, all without a band. `evidence`: False if they need not be counted."""
         given = dict(values or {})
 
         def modes() -> fs.ComplexModes:
@@ -386,7 +387,7 @@ class Models:
             return beside_the_full(known.model, self.at(given), band=band)
 
         at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
-        return self.kept(at, modes)
+        return self.kept(at if evidence is None or at in self.scene.store else ("uncounted", *at), modes)
 
     def value(self, name: str) -> float:
         """The value of a parameter of matrices.
@@ -401,8 +402,11 @@ class Models:
             raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
         return given.value
 
-    def over(self, known: Known, names: Sequence[str]) -> tuple[Any, Any]:
-        """A model and its contacts, for analyses over parameters: of matrices, and with changes, a family without contacts."""
+    def over(self, known: Known, names: Sequence[str], between: tuple[float, float] | None = None) -> tuple[Any, Any]:
+        """A model and its contacts, for analyses over parameters: of matrices, and with changes, a family without contacts.
+
+        So it is over a range of one parameter in which the contacts are affine: the matrices of the family are made once.
+        """
         changes = {name: one.change(self) for name, one in self.scene.parameters.items() if name in names and one.acts}
         if self.pencil and known is self.exact:
             part, = self.scene.parts.values()
@@ -413,7 +417,10 @@ class Models:
         if isinstance(known.model, fs.BoxModel):
             return known.model.fixed(**{name: self.value(name) for name in known.model.parameters if name not in names}), None
         if not changes:
-            return known.model, self.at({}) if "speed" not in names else self.contacts
+            contacts = self.at({}) if "speed" not in names else self.contacts
+            if between is None or not pencil_over(known.model, contacts, names[0]).affine(between):
+                return known.model, contacts
+            return family_of(known.model, contacts, list(names), {names[0]: between}), None
         ranges = {name: self.scene.parameters[name].range for name in names}
         return family_of(known.model, self.linear, list(names), ranges, changes=changes), None  # type: ignore[arg-type]
 

@@ -60,32 +60,38 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
     x = next((name for name in varied if len({row[name] for row in rows}) > 1 and all(
         isinstance(row[name], (int, float)) for row in rows)), "size")
     rest = [name for name in varied if name != x]
+    places: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        places.setdefault(", ".join(f"{name} {row[name]}" for name in rest), []).append(row)
     words = {"DOF": "size", f"critical {said}": "value", "relative error": "error", "ω [rad/time]": "omega",
              "static port error": "port_error", "why": "reason"}
-    panels = []
-    places = grouped(rows, *rest) if rest else {"": list(rows)}
-    for key, label, log in (("value", f"critical {said}", False), ("error", ERROR, True)):
-        for name, mine in places.items():
-            place = ", ".join(f"{word} {value}" for word, value in zip(rest, [name] if len(rest) == 1 else name, strict=True)) if rest else ""
-            full, series = [row for row in mine if row["model"] == "full"], list[Series]()
-            models = grouped((row for row in mine if row["model"] != "full"), *(("model",) if x == "size" else ("model", "modes")))
-            for at, (which, own) in enumerate(models.items()):
-                own = sorted(own, key=lambda row: row[x])
-                model, modes = (which, None) if x == "size" else which
-                called = look(model).label + (f", {modes} modes" if len(models) > len({row["model"] for row in own}) and modes is not None
-                                              and len({two for _, two in models}) > 1 else "")
-                series.append(Series(called, [row[x] for row in own], (floored if log else finite)([row[key] for row in own]), model,
-                                     "solid", size=nested(at), hover=hover_of(own, words)))
-            levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")] if x == "size" and full and not log and \
-                np.isfinite(full[0]["value"]) else []
-            if x != "size" and full and not log:
-                series.append(Series("full", [row[x] for row in full], finite([row["value"] for row in full]), "full", "solid", size=8.0,
+    axis, panels = "DOF of the reduced model  [-]" if x == "size" else f"{x}  [-]", list[Panel]()
+    for key, label, drawn in (("value", f"critical {said}", finite), ("error", ERROR, floored)):
+        for place, mine in places.items():
+            errors, levels = key == "error", list[Level]()
+            series = [Series(*one, "solid", size=nested(at), hover=hover_of(own, words)) for at, (own, one) in enumerate(
+                _lines([row for row in mine if row["model"] != "full"], x, key, drawn))]
+            full = [row for row in mine if row["model"] == "full" and np.isfinite(row["value"])]
+            if full and not errors and x == "size":
+                levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")]
+            elif full and not errors:
+                series.append(Series("full", [row[x] for row in full], [row["value"] for row in full], "full", "solid", size=8.0,
                                      hollow=True))
-            panels.append(Panel(series, "DOF of the reduced model  [-]" if x == "size" else f"{x}  [-]", label,
-                                place if not log else "", "y" * log, levels, rounding=log, share={"x": "x", "y": key},
-                                among=place or "critical"))
+            panels.append(Panel(series, axis, label, "" if errors else place, "y" * errors, levels, rounding=errors,
+                                share={"x": "x", "y": key}, among=place or "critical"))
     return Chart("critical", f"{title}: critical {said}", panels, len(places), note=MISSING,
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
+
+
+def _lines(rows: Sequence[Mapping[str, Any]], x: str, key: str, drawn: Any) -> list[tuple[Any, Any]]:
+    """For each method, and over what varies for each number of modes, its rows; its name, places, values and the method."""
+    found = []
+    several = x != "size" and len({row["modes"] for row in rows}) > 1
+    for own in grouped(rows, "model", *(["modes"] if x != "size" else [])).values():
+        own.sort(key=lambda row: row[x])
+        name = look(own[0]["model"]).label + (f", {own[0]['modes']} modes" if several else "")
+        found.append((own, (name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"])))
+    return found
 
 
 def nested(at: int) -> float:
@@ -132,7 +138,8 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: flo
         panels.append(Panel(_spectra(several, True) if name in frames else (), *PLANE,
                             "the grey part, enlarged" if name in frames else "", levels=line, limits=limits,
                             where="figure"))
-    return Chart("complex-modes", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1 else 0.7,
+    return Chart("complex-modes", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1
+                 else 0.7,
                  height=3.6, columns=3)
 
 

@@ -44,7 +44,8 @@ def signals_chart(tracks: Sequence[Any], periods: int = 10) -> Chart:
         about = f"{_name(item)}{'' if run.complete else ' (interrupted)'}"
         for x, y, title in ((t, whole, about), (run.t[late], v[late], f"last {periods} periods")):
             panels.append(Panel([Series(_name(item), x, y, item.kind, "solid", "", width=0.7, legend=False)], "t  [time]",
-                                "velocity v  [length/time]", title, levels=[] if item.speed is None else [Level(item.speed, "speed of the belt", "y")],
+                                "velocity v  [length/time]", title, levels=[] if item.speed is None
+                                else [Level(item.speed, "speed of the belt", "y")],
                                 share={"y": "v"}, among=about))
     return Chart("motion-signals", "Velocity at the contact", panels, 2, note="Dashed: the speed of the belt.", height=1.7,
                  about="the least and the largest value over time, and the last periods")

@@ -13,6 +13,7 @@ from femsub.app.asks import Ask, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.models import Known
 from femsub.app.result import Result
+from femsub.checks import NOT_CHECKED
 from femsub.modes import NEAR, match
 from femsub.reduction import PORT_LIMIT
 from femsub.studies import Table, column, elastic
@@ -107,8 +108,8 @@ class CompareAsk(Ask):
                 models.scene.store.setdefault(place, Known(key, count, model, [models.full], tuple(own)))
         values = [{self.parameter: value} for value in found.values] or [{}]
         for given, spectrum in zip(values, found.spectra, strict=True):
-            if spectrum.evidence != "not checked":
-                models.scene.store.setdefault(("modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)), spectrum)
+            at = "modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)
+            models.scene.store.setdefault(at if spectrum.evidence != NOT_CHECKED else ("uncounted", *at), spectrum)
         return found
 
     def charts(self, models: Models, made: list[tuple[str, Study]]) -> list[Any]:

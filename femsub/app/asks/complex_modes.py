@@ -115,7 +115,7 @@ class ComplexModesAsk(Ask):
         for name, modes in (("", found), ("full_", exact)):
             keep = listed(modes) & in_band(modes.eigenvalues, (0.0, limit))
             data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
-        if one.before and at is not None and len(found) and first is models.exact:
+        if one.before and at is not None and len(found) and first is models.exact and not models.pencil:
             # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes
             nearest = int(np.argmin(np.abs(found.eigenvalues - exact.eigenvalues[at])))
             x, y, M = one.expand(found.shapes[:, [nearest]])[:, 0], exact.shapes[:, at], models.full.M

@@ -51,7 +51,7 @@ class FlutterAsk(Ask):
                 name = " ".join([*map(str, values.values()), *([] if models.pencil and values else [
                     label(one.kind) if one.kind != "full" else own.scene.name if models.pencil else "full"])])
                 models.say(f"modes over {self.flutter}, {name} with {one.model.size} DOF")
-                model, contacts = own.over(one, [self.flutter])
+                model, contacts = own.over(one, [self.flutter], (lo, hi))
                 band = own.given_band if models.pencil and not self.band else own.band_below(one, self.band)
                 tracks[name] = fs.track(model, contacts, self.flutter, np.linspace(lo, hi, self.points), band=band)
                 if not tracks[name].eigenvalues.size:
@@ -65,7 +65,7 @@ class FlutterAsk(Ask):
                 crossings[name] = known
             if self.full:
                 points[f"full model of {own.full.size} DOF"] = [
-                    (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band)).eigenvalues) for value in self.full]
+                    (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band), False).eigenvalues) for value in self.full]
         branches = [{"model": name, self.flutter: float(item.values[i]), "branch": j, "growth": float(value.real),
                      "omega": float(value.imag), "damping": float(-100 * value.real / abs(value)) if value else 0.0,
                      "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}

@@ -76,8 +76,9 @@ class MotionAsk(Ask):
                     raise InputError(f"contact {name}: {error}") from None
         if self.observe:
             part, _, port = self.observe.partition(".")
-            if part not in scene.parts or port not in scene.parts[part].port_names:
-                raise unknown_name("port", self.observe, [f"{name}.{one}" for name, part in scene.parts.items() for one in part.port_names])
+            if part not in scene.parts:
+                raise unknown_name("part", part, scene.parts)
+            scene.parts[part].check_port(part, port)
         elif not any(one.places for one in scene.contacts.values()):
             raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is shown")
         if self.window and (self.window[0] < self.motion[0] or self.window[1] > self.motion[1]):

@@ -40,8 +40,7 @@ class ResponseAsk(Ask):
             name, _, port = place.partition(".")
             if name not in scene.parts:
                 raise unknown_name("part", name, scene.parts)
-            if port not in scene.parts[name].port_names:
-                raise unknown_name(f"port of {name!r}", port, scene.parts[name].port_names)
+            scene.parts[name].check_port(name, port)
         if self.loss and len(scene.parts) > 1:
             raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
 

@@ -75,6 +75,11 @@ class Part(Kind):
         """The parameters of its matrices."""
         return ()
 
+    def check_port(self, name: str, port: str) -> None:
+        """Refuses a port that the part `name` does not have, as far as that is known before its files are read."""
+        if port not in self.port_names:
+            raise unknown_name(f"port of {name!r}", port, self.port_names)
+
     @property
     def port_names(self) -> list[str]:
         """Its ports."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
@@ -38,3 +39,7 @@ class SuperelementPart(Part):
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         return words
+
+    def check_port(self, name: str, port: str) -> None:
+        if Path(self.superelement).name != MODEL:  # a folder of write_matrices has ports of its own
+            super().check_port(name, port)
