@@ -123,7 +123,7 @@ def text(step: Step, folder: Path) -> str:
     """What a step has printed, below what belongs to it."""
     done = json.loads((folder / "done.json").read_text(encoding="utf-8"))
     printed = (folder / "printed.txt").read_text(encoding="utf-8").rstrip()
-    table = "\n".join(line.rstrip() for line in printed.splitlines() if not line.startswith("written to ")).rstrip()
+    table = "\n".join(line.rstrip() for line in printed.partition("\nwritten to ")[0].splitlines()).rstrip()
     machine = ", ".join(f"{key} {value}" for key, value in done["machine"].items())
     return (f"# {step.says}\n# {done['command']}\n# {done['seconds']:.0f} s, commit {done['commit']}, "
             f"{done['date']}; {machine}\n\n{table}\n")

@@ -23,7 +23,7 @@ from femsub import annulus, rectangle
 from femsub.app.figure_style import MANY, PAGE, SIZES, STYLE, draw, label_points, legend_below, new_figure, render
 from femsub.app.figures import shapes_figure
 from femsub.studies import ROUNDING, Chart, Panel, Series, look
-from femsub.studies.charts_components import belt_sweep_chart, eigenvalue_chart, springs_chart
+from femsub.studies.charts_components import eigenvalue_chart, growth_chart, springs_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
 from femsub.studies.charts_motion import envelope
 
@@ -285,12 +285,12 @@ def test_a_plate_s_deflection_has_shades_with_edges() -> None:
     assert len(levels) == 22 and 0.0 not in levels
 
 
-def test_the_belt_sweep_compares_all_models_in_one_panel() -> None:
+def test_growth_over_a_place_compares_all_models_in_one_panel() -> None:
     belts, slopes = [1, 2, 3], -np.geomspace(1e-3, 0.4, 5)
-    panels = [{"model": model, "interface": place, "growth": np.linspace(-1, 1, 15).reshape(3, 5),
+    panels = [{"model": model, "rest": place, "growth": np.linspace(-1, 1, 15).reshape(3, 5),
                "critical_slope": [-0.1, -0.02 * (1 + error), -0.01]}
               for place in ("{m1}", "{m1, belt}") for model, error in (("full", 0.0), ("craig-bampton", 1e-2), ("rubin", 1e-4))]
-    left, right = drawn(draw(belt_sweep_chart({"belts": belts, "slopes": slopes, "panels": panels})))[:2]
+    left, right = drawn(draw(growth_chart({"over": "belt", "at": belts, "slopes": slopes, "panels": panels})))[:2]
     names = [f"{look(model).label}, {place}" for place in ("{m1}", "{m1, belt}") for model in ("craig-bampton", "rubin")]
     assert left.get_legend_handles_labels()[1] == ["full", *names]
     assert [line.get_ydata()[1] for line in right.lines] == pytest.approx([1e-2, 1e-4] * 2)
@@ -311,8 +311,11 @@ reduce.modes = [2]
 reduce.repeats = 1
 ask = [{compare = ["growth", "critical", "held"], vary = {"part.chain.cut" = [2]}}]
 """),
-    ("chain-transient", """ask = [{motion = [0, 300], window = [100, 300], length = 100, show = ["growth", "quality", "signals", "spectrum",
-       "spectrogram"]}]
+    ("chain-transient", """[[ask]]
+motion = [0, 300]
+window = [100, 300]
+length = 100
+show = ["growth", "quality", "signals", "spectrum", "spectrogram"]
 """),
     ("two-mode", """ask = [{critical = "mu"}, {flutter = "mu", points = 11, vary = {"parameter.d.value" = [0.0, 0.05]}}]
 """)])

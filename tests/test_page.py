@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,13 @@ from test_results import CHAIN, SMALL, difference, results, scene_file
 import femsub as fs
 from femsub.app import page, report
 from femsub.app.cli import main
+from femsub.app.grammar import Scene
 from femsub.app.moving import MODE_FILE, moving, read_mode
-from femsub.app.scene import Result, load
+from femsub.app.result import Result
 from femsub.checks import installed_by
 from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
-from femsub.studies.charts_components import critical_slopes_chart
+from femsub.studies.charts_components import critical_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
@@ -43,8 +44,11 @@ def asked(name: str) -> str:
     """A small scene with its page."""
     text = SMALL[name]
     if name == "brake":  # errors and the flutter diagram as well
-        text = re.sub("(modes|outputs) = .*\n", "", text) + 'modes = [30]\npoints = 5\nmethods = ["craig-bampton"]\n'
-    return text.replace("outputs = [", 'outputs = ["page", ') if "outputs = [" in text else 'outputs = ["page"]\n' + text
+        text = text.replace("modes = [8]", 'modes = [30]\nmethods = [["craig-bampton", "contact-modes"]]') + (
+            '[[ask]]\ncompare = ["growth", "critical"]\nparameter = "mu"\nvalues = [0.5]\n[[ask]]\nflutter = "mu"\npoints = 5\n')
+    if name == "chain":  # two interfaces side by side
+        text += 'vary = {"part.chain.interface" = [[1], [1, "belt"]]}\n'
+    return f"page = true\n{text}"
 
 
 @pytest.fixture(scope="module")
@@ -61,11 +65,12 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def test_a_scene_that_does_not_ask_loads_and_writes_nothing(tmp_path: Path) -> None:
-    scene = scene_file(tmp_path, "chain", 'outputs = ["eigenvalues"]\n')
+    scene = scene_file(tmp_path, "chain", '[[ask]]\ncomplex-modes = "all"\n')
     code = ("import sys; from femsub.app.cli import main; status = main(sys.argv[1:]); "
             "sys.exit(status or any(name in sys.modules for name in ('plotly', 'femsub.app.page')))")
     subprocess.run([sys.executable, "-c", code, "run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")], check=True)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"results.json", "eigenvalues.csv"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "results.json", "complex-modes.csv", "complex-modes-unstable.csv"}
 
 
 @pytest.mark.slow
@@ -74,7 +79,7 @@ def test_the_page_changes_no_result(tmp_path: Path, folders: dict[str, Path]) ->
     assert main(["run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     without, told = results(tmp_path / "out"), results(folders["chain"])
     assert set(told["written"]) - set(without["written"]) == {page.PAGE_FILE, MODE_FILE}
-    assert told["inputs"]["outputs"] == [*without["inputs"]["outputs"], "page"]
+    assert told["inputs"] == {**without["inputs"], "page": True}
     for one in (without, told):
         del one["written"], one["inputs"]
     assert not difference(without, told)
@@ -131,11 +136,11 @@ def test_wrong_folders_and_damaged_files_end_in_one_line(tmp_path: Path, folders
 
 def test_a_missing_plotly_is_told_before_anything_is_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                                               capsys: pytest.CaptureFixture[str]) -> None:
-    from femsub.app.scenes import chain
+    from femsub.app import run
 
     scene = scene_file(tmp_path, "chain", asked("chain"))
     monkeypatch.setitem(sys.modules, "plotly", None)
-    monkeypatch.setattr(chain.ChainScene, "run", lambda *_: pytest.fail("it was run"))
+    monkeypatch.setattr(run, "run_all", lambda *_: pytest.fail("it was run"))
     assert main(["run", scene, "--out", str(tmp_path / "out")]) == 1
     assert installed_by("plotly") in capsys.readouterr().err and not (tmp_path / "out").exists()
 
@@ -161,8 +166,9 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     again.write_text(page.inputs_toml(told["inputs"]), encoding="utf-8")
     assert not difference(tomllib.loads(again.read_text(encoding="utf-8")), without_empty(told["inputs"]))
     if not told["files"]:
-        one, other = (asdict(load(str(path))[0]) | {"folder": ""} for path in (again, folders[name] / "results.json"))
-        assert not difference(one, other)
+        one, other = (Scene.from_file(path) for path in (again, folders[name] / "results.json"))
+        assert (one.parts, one.joints, one.contacts, one.reduce, one.asks) == (
+            other.parts, other.joints, other.contacts, other.reduce, other.asks)
     found = told["verdict"]
     for line in (found["headline"], *found["decides"], *found["unchecked"]):
         for sentence in re.split(r"(?<=[.:;]) ", line):
@@ -229,7 +235,7 @@ def test_the_verdict_over_a_range_is_that_of_the_critical_value(found: Study) ->
 
 def test_the_page_says_what_the_study_recommends(folders: dict[str, Path]) -> None:
     told = results(folders["solid"])
-    model = told["recommended"]["model"]
+    model = told["compare"]["recommended"][0]["model"]
     assert told["verdict"]["answer"] == "yes" and f"({model['size']} DOF)" in told["verdict"]["headline"]
     assert f"of {told['size']} DOF" in told["verdict"]["headline"]
     page_text = (folders["solid"] / page.PAGE_FILE).read_text(encoding="utf-8")
@@ -239,10 +245,10 @@ def test_the_page_says_what_the_study_recommends(folders: dict[str, Path]) -> No
     assert chain["verdict"]["answer"] == "in part"
 
 
-def test_the_verdict_tells_what_was_not_asked_for_and_what_failed() -> None:
-    told = report.results(Result({"failed": {"modes": "too few"}, "complete": False}), left_out=["joined-interface"])["verdict"]
-    assert len(told["unchecked"]) == 3
-    for words in ("joined-interface", "modes failed: too few", "interrupted"):
+def test_the_verdict_says_what_failed_and_that_it_was_interrupted() -> None:
+    told = report.results(Result({"failed": {"modes": "too few"}, "complete": False}))["verdict"]
+    assert len(told["unchecked"]) == 2
+    for words in ("modes failed: too few", "interrupted"):
         assert any(words in line for line in told["unchecked"])
 
 
@@ -262,9 +268,9 @@ def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
 def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: float, found: Study) -> None:
     odd = with_rows(found, critical=value, error_critical=value, error_eigenvalue=value, error_force=value)
     assert study_choice(odd).decides
-    slopes = [{"model": row.method, "size": row.size, "slope": row.critical, "error": row.error_critical}
+    slopes = [{"model": row.method, "modes": row.modes, "size": row.size, "value": row.critical, "error": row.error_critical}
               for row in (odd.full, *odd.rows)]
-    for chart in (error_time_chart([("{m1}", odd)]), errors_chart(odd, "x", "methods"), critical_slopes_chart(slopes)):
+    for chart in (error_time_chart([("{m1}", odd)]), errors_chart(odd, "x", "methods"), critical_chart(slopes, [], "dμ/dv", "x")):
         told = json.loads(report.to_json(chart.plain()))
         assert told["places"]
         for series in (one for place in told["places"] for panel in place["panels"] for one in panel["series"]):
@@ -274,13 +280,23 @@ def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: floa
 
 OWN = """
 import femsub as fs
-from femsub.app.scene import Result, Scene
+from dataclasses import dataclass
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
 from femsub.studies import Chart, Panel, Series, Table, Verdict, column
 
-class SCENE(Scene):
-    OUTPUTS = ("places",)
+@dataclass(frozen=True)
+class Places(Ask):
+    '''Places.'''
+    places: int = key(3, "how many", least=1)
+    KIND = "places"
+    alone = True
 
-def run(scene, progress):
+    def run(self, models):
+        return run()
+
+def run():
     rows = [{"belt": belt, "method": "craig-chang", "width": 0.5 * belt, "omega": 2.0 * belt} for belt in (1, 2, 3)]
     columns = ["belt", "method", column("width", "the width", ".2f", meaning="how wide it is"), "omega"]
     series = Series("a", [1.0, 2.0, 3.0], [0.5, 1.0, 1.5], "craig-chang", hover={"omega [rad/time]": [2.0, 4.0, 6.0]})
@@ -293,7 +309,7 @@ def run(scene, progress):
 def test_what_a_scene_gives_is_printed_filed_drawn_and_on_its_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No other file has to know of a scene, its columns, its charts or its verdict."""
     (tmp_path / "own.py").write_text(OWN)
-    (tmp_path / "my.toml").write_text('scene = "own.py"\nunits = "SI"\noutputs = ["page"]\n')
+    (tmp_path / "my.toml").write_text('use = ["own.py"]\nunits = "SI"\npage = true\n[[ask]]\nplaces = 3\n')
     assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out.splitlines()
     assert said[:3] == ["Is it wide?", "Yes. Wide enough at 6 rad/s (0.9549 Hz).", ""]
@@ -357,7 +373,7 @@ def test_a_surface_is_thinned_to_what_a_browser_can_move() -> None:
 def test_a_mode_s_file_holds_the_shape_in_single_precision(folders: dict[str, Path]) -> None:
     path = folders["solid"] / MODE_FILE
     mode = read_mode(path)
-    told = results(folders["solid"])["least-stable"]
+    told = results(folders["solid"])["complex-modes"]["least_stable"]
     assert mode.facts["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
     assert np.linalg.norm(mode.u, axis=1).max() == pytest.approx(1, abs=1e-6)
     sent = page._sent(mode)
@@ -518,15 +534,25 @@ def test_a_page_on_a_phone_at_night_and_on_paper(folders: dict[str, Path], brows
 # ---- maps over two parameters, one for each value of a third
 
 MAPS = """
+from dataclasses import dataclass
 import numpy as np
 import femsub as fs
-from femsub.app.scene import Result, Scene
+from femsub.app.asks import Ask
+from femsub.app.keys import key
+from femsub.app.result import Result
 from femsub.studies import Verdict, stability_map_chart, stability_map_tables
 
-class SCENE(Scene):
-    OUTPUTS = ("map",)
+@dataclass(frozen=True)
+class Maps(Ask):
+    '''Maps.'''
+    maps: bool = key(True, "that they are asked for")
+    KIND = "maps"
+    alone = True
 
-def run(scene, progress):
+    def run(self, models):
+        return run(models.say)
+
+def run(progress):
     K = [(1.0, np.diag([1.0, 2.0])), ("split", np.diag([0.0, 1.0])), ("mu", [[0, 1], [-1, 0]])]
     family = fs.Affine(np.eye(2), [("damping", np.eye(2))], K)
     maps = {f"d = {d:g}": fs.stability_map(family.fixed(damping=d), {"split": (-2, 1), "mu": (0, 2)}, points=(9, 7),
@@ -541,7 +567,7 @@ def of_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The output of a scene of one's own with two maps."""
     made = tmp_path_factory.mktemp("map")
     (made / "own.py").write_text(MAPS)
-    (made / "my.toml").write_text('scene = "own.py"\nunits = "SI"\noutputs = ["page"]\n')
+    (made / "my.toml").write_text('use = ["own.py"]\nunits = "SI"\npage = true\n[[ask]]\nmaps = true\n')
     assert main(["run", "-q", str(made / "my.toml"), "--out", str(made / "out")]) == 0
     return made / "out"
 

@@ -164,6 +164,12 @@ class Scene:
     ------
     InputError
         All that is wrong in it, with the lines of the file.
+
+    Examples
+    --------
+    >>> scene = fs.Scene.from_file("chain")
+    >>> scene.models.full
+    Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
 
     def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",

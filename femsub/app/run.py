@@ -52,7 +52,9 @@ def run_all(scene: Scene, progress: Progress) -> Result:
     if not complete:
         data["complete"] = False
         parts.append(Result({}, ["Interrupted: these results are incomplete."]))
-    every = [one for part in parts for one in (*[""] * bool(part is not parts[0] and part.text()), *part.shown)]
+    every: list[Shown] = []
+    for part in parts:
+        every += [*[""] * bool(every and part.text()), *part.shown]
     notes = {name: note for part in parts for name, note in part.notes.items()}
     return Result(data, every, {name: file for part in parts for name, file in part.files.items()}, head, notes)
 
