@@ -58,5 +58,5 @@ class GrowthAsk(Ask):
                     contacts = own.at({self.growth: 0.0})
                     panel["growth"][at] = fs.sweep(one.model, contacts, self.growth, values, band=band).growth
                 panel["critical_slope"][at] = studies.first_loss(one.model, own.linear, self.growth, None, band).value
-        found = {"slopes": values, "at": columns, "over": first, "panels": sorted(panels.values(), key=lambda one: one["rest"])}
+        found = {"slopes": values, "at": columns, "over": first, "panels": [one for rest in dict.fromkeys(rest for _, rest in panels) for (_, of), one in panels.items() if of == rest]}
         return Result({"growth": found}, [studies.growth_chart(found)])
