@@ -30,7 +30,8 @@ from femsub.studies import Table
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")
 KEYS = (b"scene", b"name", b"chain", b"modes", b"band", b"[[ask]]", b"methods", b"slope", b"M", b"K", b"[part.a]", b"[[joint]]",
         b"vary", b"units", b"interface", b"ports", b"critical", b"factor", b"true", b"[]", b'""', b'use = ["x.py"]',
-        b'"../../x"', b"1e308", b"[contact.belt]", b"[reduce]", b"[material.steel]", b"[parameter.p]", b'"part.chain.belt"', b"ask")
+        b'"../../x"', b"1e308", b"[contact.belt]", b"[reduce]", b"[material.steel]", b"[parameter.p]", b'"part.chain.belt"',
+        b"ask")
 FAMILIES = ("parts", "joints", "contacts", "materials", "parameters", "asks", "reduce", "settings")
 MATRICES = 'matrices = {{M = "{0}/M.npz", K = "{0}/model.mat:K"}}\n'
 SCENES = {

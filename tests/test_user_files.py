@@ -128,7 +128,8 @@ def test_motion_in_time_of_own_matrices_under_a_belt(tmp_path: Path) -> None:
     scene, data, _ = ran(MOTION, tmp_path)
     full, small = data["motion"]["models"]
     assert full["size"] == 144 and small["size"] < 30
-    run = fs.transient(scene.models.reduced[0].model, scene.models.contacts, (0.0, 0.005), impulse=1e-3, step=0.005 / 20_000, tol=1e-4)
+    run = fs.transient(scene.models.reduced[0].model, scene.models.contacts, (0.0, 0.005), impulse=1e-3, step=0.005 / 20_000,
+                       tol=1e-4)
     window = (0.75 * 0.005, 0.005)
     assert small["rms"] == pytest.approx(fs.rms(run.t, run.velocity("belt"), window), rel=1e-4)
 
@@ -139,7 +140,8 @@ def test_flutter_of_own_meshes_with_friction(tmp_path: Path) -> None:
     assert "Hz" in text and "damping [%]" in text
     row, = data["critical"]
     small = scene.models.best.model
-    exact = fs.critical_value(small, scene.models.at({}), "mu", between=(0.0, 0.7), band=scene.models.band_below(scene.models.best))
+    exact = fs.critical_value(small, scene.models.at({}), "mu", between=(0.0, 0.7),
+                              band=scene.models.band_below(scene.models.best))
     assert row["value"] == pytest.approx(exact.value, rel=1e-5)
     modes = fs.complex_modes(small, scene.models.at({"mu": 0.6}), band=scene.models.band_below(scene.models.best))
     assert len(data["complex-modes"]["unstable"]) == len(modes.unstable)

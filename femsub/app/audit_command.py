@@ -23,8 +23,8 @@ OPTIONS = {
     "dofs": ("FILE", "the file of their DOF map, 'node,component,x,y,z' a line"),
     "kinds": ("LIST", "the kind of each coordinate, such as 'constraint' and 'fixed-interface'; with commas between"),
     "full_dofs": ("FILE", "the file of the full model's DOF map"),
-    "full_interface": ("LIST", "the interface as DOF of the full model, in the order of the reduced one: from 0, or by the map as "
-                       "'12:uz' or '12:*'"),
+    "full_interface": ("LIST", "the interface as DOF of the full model, in the order of the reduced one: from 0, or by the map "
+                       "as '12:uz' or '12:*'"),
     "cutoff": ("NUMBER", "the frequency below which all modes are said to be kept [rad/time]"),
     "mass": ("NUMBER", "the mass that the part should have"),
     "floating": ("yes|no", "whether the part hangs on nothing"),

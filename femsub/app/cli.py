@@ -44,16 +44,18 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     _scene_argument(run, "a name from `femsub scenes`, a TOML file, or a results.json: that run again", files=True)
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
-                     help="a Python file with kinds of your own that the file names, or a folder from which its meshes include files: "
-                     "both are refused if they are not beside what names them")
+                     help="a Python file with kinds of your own that the file names, or a folder from which its meshes include "
+                     "files: both are refused if they are not beside what names them")
     _output(run, "write results.json, one CSV file per table and figures there; else nothing is written")
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
     audit_command.add_arguments(checked)
     _output(checked, "write results.json, CSV files and a figure there")
-    explained = commands.add_parser("keys", help="list what may stand in a scene file, or every key of one kind: femsub keys critical")
-    explained.add_argument("kind", nargs="?", default="", help="a kind, such as solid, belt or compare; or material, parameter, reduce, scene")
-    _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or the whole file that one of your own stands "
-                                        "for: femsub new beam > my.toml"), SCENE_NAME, files=True)
+    explained = commands.add_parser("keys", help="list what may stand in a scene file, or every key of one kind: femsub keys "
+                                    "critical")
+    explained.add_argument("kind", nargs="?", default="", help="a kind, such as solid, belt or compare; or material, parameter, "
+                           "reduce, scene")
+    _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or the whole file that one of your own "
+                                        "stands for: femsub new beam > my.toml"), SCENE_NAME, files=True)
     commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
     completion = commands.add_parser("completion", help="print the completion script of a shell: "
                                      "femsub completion bash > ~/.local/share/bash-completion/completions/femsub")

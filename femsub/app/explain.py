@@ -131,7 +131,8 @@ def toml(value: Any) -> str:
 
 def toml_key(key: str) -> str:
     """A key, in quotes where it needs them."""
-    return key if key and all((mark.isalnum() and mark.isascii()) or mark in "_-" for mark in key) else json.dumps(key, ensure_ascii=False)
+    return key if key and all((mark.isalnum() and mark.isascii()) or mark in "_-" for mark in key) else json.dumps(key,
+                                                                                                                   ensure_ascii=False)
 
 
 def toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
@@ -142,7 +143,8 @@ def toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
     yield from (f"{key} = {toml(value)}" for key, value in known.items() if key not in tables)
     for key, value in tables.items():
         for item in value if isinstance(value, list) else [value]:
-            bare = isinstance(item, Mapping) and not header and key in (*FAMILIES, "material", "parameter") and not isinstance(value, list)
+            bare = isinstance(item, Mapping) and not header and key in (*FAMILIES, "material",
+                                                                        "parameter") and not isinstance(value, list)
             if not bare:
                 yield f"\n{'[[' if isinstance(value, list) else '['}{header}{key}{']]' if isinstance(value, list) else ']'}"
             yield from toml_lines(item, f"{header}{key}." if bare else f"{header}{key}..")
@@ -164,10 +166,12 @@ def schema() -> dict[str, Any]:
     Without kinds of one's own, `use`, a table has no other keys than those of femsub's kinds.
     """
     known, strict = Kinds(), dict[str, Any]()
-    properties: dict[str, Any] = {"scene": {"enum": list(built_in()), "description": "a built-in scene that this one begins with"}}
+    properties: dict[str, Any] = {"scene": {"enum": list(built_in()),
+                                            "description": "a built-in scene that this one begins with"}}
     properties |= _table(Settings)["properties"]
     for name in ("material", "parameter"):
-        properties[name] = {"type": "object", "additionalProperties": _table(TABLES[name]), "description": first_line(TABLES[name])}
+        properties[name] = {"type": "object", "additionalProperties": _table(TABLES[name]),
+                            "description": first_line(TABLES[name])}
     properties["reduce"] = _table(ReduceKeys)
     for family in FAMILIES:
         names = known.names(family)

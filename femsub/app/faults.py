@@ -99,7 +99,8 @@ class Faults:
             return
         said = [f"line {line}: {text}" if line else text for line, text in sorted(self.found, key=lambda one: one[0])]
         whose = f"{self.source}, " if self.source else ""
-        raise InputError(f"{whose}{said[0]}" if len(said) == 1 else f"{whose}{len(said)} faults:\n" + "\n".join(f"  {one}" for one in said))
+        raise InputError(f"{whose}{said[0]}" if len(said) == 1 else f"{whose}{len(said)} faults:\n"
+                         + "\n".join(f"  {one}" for one in said))
 
 
 def spelt(place: Place) -> str:

@@ -51,7 +51,8 @@ BUILT_IN = files("femsub.app") / "scenes"
 ENDING = ".toml"
 LONGEST_NAME = 100
 #: entries of results.json that are no ask's
-RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs", "failed",
+RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs",
+            "failed",
             "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
 
 
@@ -71,7 +72,8 @@ class Settings:
 
     name: str = key("", "for headings and file names", otherwise="the scene's name, or that of the file")
     units: str | UnitKeys = key("", "the units of all numbers: 'SI' (m, kg, s, N), 'mm-t-s' (mm, t, s, N), or {length = \"mm\", "
-                                "mass = \"t\", time = \"s\"}; where the time is in s, Hz stands beside rad/s; nothing is converted",
+                                "mass = \"t\", time = \"s\"}; where the time is in s, Hz stands beside rad/s; nothing is "
+                                "converted",
                                 choices=lambda _: SYSTEMS, otherwise="no unit is claimed", example="SI")
     band: list[float] = key([], "the frequencies that matter, in which models are compared", unit="rad/time", least=0,
                             form="[lo, hi]", otherwise="from 0 to 2 % above the elastic modes that `elastic` says",
@@ -98,7 +100,8 @@ def text_of(name: str) -> str:
     """
     path = BUILT_IN / f"{name}{ENDING}"
     if re.search(r"[/\\]", name) or not path.is_file():
-        raise unknown_name("scene", name, (one.name.removesuffix(ENDING) for one in BUILT_IN.iterdir() if one.name.endswith(ENDING)))
+        raise unknown_name("scene", name, (one.name.removesuffix(ENDING) for one in BUILT_IN.iterdir()
+                                           if one.name.endswith(ENDING)))
     return path.read_text(encoding="utf-8")
 
 
@@ -173,7 +176,8 @@ class Scene:
     """
 
     def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
-                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True, variant: bool = False) -> None:
+                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True,
+                 variant: bool = False) -> None:
         self.variant = variant  # of a scene whose asks have been checked
         self.folder, self.source, self.trusted = folder, source, tuple(trusted)
         self.store: dict[Any, Any] = {} if store is None else store
@@ -217,8 +221,8 @@ class Scene:
             raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
         table = parsed(text, name)
         if not table:
-            raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another name "
-                             "of `femsub scenes`")
+            raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
+                             "name of `femsub scenes`")
         return cls(table, path.parent, name, text, trusted, allowed=False)
 
     def _modules(self, names: Any) -> list[ModuleType]:
@@ -233,8 +237,8 @@ class Scene:
                 except ValueError:
                     allowed = False
                 if not allowed:
-                    raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it first, "
-                                     f"then allow it: femsub run {self.source} --trust {path}")
+                    raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it "
+                                     f"first, then allow it: femsub run {self.source} --trust {path}")
             if not path.is_file():
                 raise InputError(f"there is no file {path}")
             if (known := self.store.get(("module", path))) is not None:  # variants have the same kinds
@@ -297,7 +301,8 @@ class Scene:
         given = table.get("reduce")
         if not isinstance(given, (Mapping, NoneType)):
             faults.add(("reduce",), "it must be a table, [reduce]")
-        self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults, hertz)) or ReduceKeys([])
+        self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults,
+                                                                       hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # which may have faults of their own
                 faults.add(("reduce", "methods"), unknown_name("part", name, every))
@@ -311,7 +316,8 @@ class Scene:
             return
         for name, one in enumerate(several) if listed else several.items():
             if not isinstance(one, Mapping):
-                faults.add((family, name), f"it must be a table, [{family}.NAME]" + f" or [[{family}]]" * (family in ("joint", "ask")))
+                faults.add((family, name), f"it must be a table, [{family}.NAME]" + f" or [[{family}]]" * (family
+                                                                                                           in ("joint", "ask")))
             elif (family == "part" and not re.fullmatch(r"[^.:\s]+", str(name))) or name == GROUND:
                 faults.add((family, name), "a part's name is a word without a dot or colon, other than 'ground'")
             else:
@@ -425,7 +431,8 @@ class Scene:
                         self._check_end(end, meshes, port=end in ports)
                 links.append({self._part_of(end) for end in ends} - {GROUND})
         if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
-            faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub scenes`")
+            faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub "
+                       "scenes`")
         if not self.asks and not faults.found:
             faults.add((), f"nothing is asked: give a table [[ask]] with one of {', '.join(self.kinds.names('ask'))}")
         lone = {name for ask in self.asks for name in ask.parts_named()}
@@ -465,7 +472,8 @@ class Scene:
             for group in groups:
                 if group is not largest:
                     for name in sorted(group):
-                        faults.add(("part", name), "it is joined to nothing: give a joint or a contact that names it, or take it out")
+                        faults.add(("part", name), "it is joined to nothing: give a joint or a contact that names it, or take it "
+                                   "out")
 
     def _check_end(self, end: str, meshes: Mapping[str, Any], port: bool) -> None:
         """Refuses an end of a joint or contact that is not there."""

@@ -70,7 +70,8 @@ def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
     known = {key: kind() for key, kind in SHAPE.items()} | known
     fit = all(isinstance(known[key], kind) for key, kind in SHAPE.items()) and all(
         isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in known["files"])
-    if not fit or not isinstance(known["inputs"].get("units", ""), (str, dict)) or not isinstance(known["inputs"].get("use", []), list):
+    if not fit or not isinstance(known["inputs"].get("units", ""), (str, dict)) or not isinstance(known["inputs"].get("use", []),
+                                                                                                  list):
         return None
     if compared and (own := known[HASHES].get(RESULTS)) is not None and own != content_sum(RESULTS, said):
         warn(f"{path} has another content than femsub wrote, by its own sum: it is damaged, or somebody changed it. If you did, "

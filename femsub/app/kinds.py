@@ -1,8 +1,8 @@
 """Kinds: what may stand in a scene file, each a class with keys in a file of its own.
 
 A family is a folder of them: parts, joints, contacts, asks. A table of a file is of the kind whose name is one of its keys,
-`critical = "mu"`, and that key is the first field of the class. Others come from Python files that a scene names in `use`, and from
-packages by an entry point of the group `femsub.kinds`.
+`critical = "mu"`, and that key is the first field of the class. Others come from Python files that a scene names in `use`, and
+from packages by an entry point of the group `femsub.kinds`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ def _packaged() -> dict[str, dict[str, str]]:
     found: dict[str, dict[str, str]] = {}
     for family in FAMILIES:
         package = import_module(f"femsub.app.{family}s")
-        found[family] = {one.name.replace("_", "-"): f"{package.__name__}.{one.name}" for one in pkgutil.iter_modules(package.__path__)}
+        found[family] = {one.name.replace("_", "-"): f"{package.__name__}.{one.name}" for one
+                         in pkgutil.iter_modules(package.__path__)}
     return found
 
 

@@ -69,7 +69,8 @@ class ReduceKeys:
         def said(one: Any) -> str:
             if isinstance(one, list):
                 return ", then ".join(map(said, one))
-            return (reduction.METHODS[one].label if one in reduction.METHODS else one) if isinstance(one, str) else "one for each part"
+            return (reduction.METHODS[one].label if one in reduction.METHODS else one) if isinstance(one,
+                                                                                                     str) else "one for each part"
 
         return " and ".join(map(said, self.methods))
 

@@ -197,7 +197,8 @@ class Models:
     @property
     def linear(self) -> list[Any]:
         """The contacts for linear analyses: of belts the slope alone."""
-        return [fs.Belt(port=one.port, force=one.force, slope=one.slope) if isinstance(one, fs.Belt) else one for one in self.contacts]
+        return [fs.Belt(port=one.port, force=one.force, slope=one.slope) if isinstance(one, fs.Belt) else one for one
+                in self.contacts]
 
     def at(self, values: Mapping[str, float]) -> list[Any]:
         """The contacts for linear analyses at values of parameters."""
@@ -254,8 +255,8 @@ class Models:
         lo, hi = self.band_of(given)
         cutoff = float(getattr(known.model, "cutoff", np.inf))
         if cutoff <= lo:
-            raise InputError(f"the cut-off of the model of {known.model.size} DOF, {cutoff:.6g} rad/time, lies below the band. Keep "
-                             "more modes")
+            raise InputError(f"the cut-off of the model of {known.model.size} DOF, {cutoff:.6g} rad/time, lies below the band. "
+                             "Keep more modes")
         return lo, min(hi, cutoff)
 
     # reduced models
@@ -265,7 +266,8 @@ class Models:
         keys, found = self.scene.reduce, dict[str, tuple[str, int, tuple[Any, ...]]]()
         for entry in keys.methods:
             for row, count in enumerate(keys.sizes or keys.modes):
-                steps = tuple(self._step(one, row, count, bool(keys.sizes)) for one in (entry if isinstance(entry, list) else [entry]))
+                steps = tuple(self._step(one, row, count, bool(keys.sizes)) for one in (entry if isinstance(entry, list)
+                                                                                        else [entry]))
                 steps = tuple(one for one in steps if one is not None)
                 if steps:
                     key = "box" if isinstance(steps[-1], fs.ParameterBox) else key_of(steps)
@@ -350,7 +352,7 @@ class Models:
         yield from self.reduced
 
     def chosen(self, which: str) -> list[Known]:
-        """'full', 'reduced' or 'all'; 'best' is the largest model of the last method, or the full one where nothing is reduced."""
+        """'full', 'reduced' or 'all'; 'best' is the largest of the last method, or the full one without reduced ones."""
         if which == FULL or not self.scene.reduce.methods:
             return [self.exact]
         if which == "best":
@@ -378,7 +380,8 @@ class Models:
         def modes() -> fs.ComplexModes:
             if self.pencil:
                 model = known.model
-                return fs.complex_modes(model.at(**{name: given.get(name, self.value(name)) for name in model.parameters}), band=band)
+                return fs.complex_modes(model.at(**{name: given.get(name, self.value(name)) for name in model.parameters}),
+                                        band=band)
             if isinstance(known.model, fs.BoxModel):
                 return known.model.modes(**{name: given.get(name, self.value(name)) for name in known.model.parameters})
             if known is self.exact or band is None:
@@ -460,7 +463,8 @@ class Models:
         if self.alone and self.full.dofs is not None:
             mesh, dofs = next(iter(self.meshes.values())), self.full.dofs
             ports = [np.flatnonzero(self.full.port(name)) for one in self.contacts for name in one.ports]
-            for key, rows in (("contact", np.concatenate(ports) if ports else np.zeros(0, int)), ("interface", self.full.interface)):
+            for key, rows in (("contact", np.concatenate(ports) if ports else np.zeros(0, int)),
+                              ("interface", self.full.interface)):
                 nodes = np.unique(dofs.nodes[rows])
                 found[key].append(node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
         return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}

@@ -66,7 +66,8 @@ class Record:
         with texts_read() as texts:
             result = self.scene.run(progress)
         known = {item["path"] for item in self.files}
-        self.files += self._described(path for path in dict.fromkeys([*self.scene.texts, *texts]) if self._place(path) not in known)
+        self.files += self._described(path for path in dict.fromkeys([*self.scene.texts, *texts]) if self._place(path) not
+                                      in known)
         return result
 
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:

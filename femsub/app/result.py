@@ -110,5 +110,6 @@ class Result:
             elif isinstance(one, (studies.Chart, Picture)) and one.name in self.drawings:
                 file = io.BytesIO()
                 render(self.drawings[one.name], file)
-                parts.append(f'<img alt="{escape(one.name)}" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">')
+                parts.append(f'<img alt="{escape(one.name)}" '
+                             f'src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">')
         return "\n".join(filter(None, parts))

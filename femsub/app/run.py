@@ -108,7 +108,8 @@ def renamed(found: Result, name: str, ask: Ask) -> Result:
         return name + old[len(ask.KIND):] if old.startswith(ask.KIND) and name != ask.KIND else old
 
     shown = [replace(one, name=named(one.name)) if isinstance(one, (Table, Chart)) and one.name else
-             one._replace(name=named(one.name)) if hasattr(one, "_replace") and hasattr(one, "draw") else one for one in found.shown]
+             one._replace(name=named(one.name)) if hasattr(one, "_replace") and hasattr(one, "draw") else one for one
+             in found.shown]
     data = {named(key): value for key, value in found.data.items()}
     files = {named(key): value for key, value in found.files.items()}
     notes = {named(one.name): ask.note for one in found.shown if ask.note and hasattr(one, "name")}

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from femsub.app.models import Models
     from femsub.app.result import Result
 
+#: models of a scene: the full one, those reduced, all, or the largest of the last method
+WHICH = ("full", "reduced", "all", "best")
+
 
 @dataclass(frozen=True)
 class Ask(Kind):
@@ -24,8 +27,8 @@ class Ask(Kind):
     name: str = key("", "of its tables and figures", otherwise="that of its kind")
     band: list[float] = key([], "the frequencies that it looks at", unit="rad/time", least=0, form="[lo, hi]",
                             otherwise="that of the scene")
-    vary: dict[str, list[Any]] = key({}, "values of other keys, each of which is done: {\"part.chain.belt\" = [1, 2, 3]}; of several "
-                                     "keys all combinations", otherwise="none")
+    vary: dict[str, list[Any]] = key({}, "values of other keys, each of which is done: {\"part.chain.belt\" = [1, 2, 3]}; of "
+                                     "several keys all combinations", otherwise="none")
     note: str = key("", "what stands at the foot of its figures", otherwise="nothing")
 
     FAMILY: ClassVar[str] = "ask"
@@ -53,8 +56,8 @@ class Ask(Kind):
         """
         pencil = [name for name, part in scene.parts.items() if type(part).KIND == "affine"]
         if pencil and not self.PENCIL:
-            raise InputError(f"{self.KIND} cannot be asked of {pencil[0]!r}, a pencil of matrices: it has neither places nor DOF of a "
-                             "structure. Ask complex-modes, critical, flutter or map")
+            raise InputError(f"{self.KIND} cannot be asked of {pencil[0]!r}, a pencil of matrices: it has neither places nor DOF "
+                             "of a structure. Ask complex-modes, critical, flutter or map")
         belts = [one for one in scene.contacts.values() if type(one).KIND == "belt"]
         for need in self.NEEDS:
             there, what = {"contact": (scene.contacts, "a contact, such as [contact.rub] with belt = \"part.port\""),

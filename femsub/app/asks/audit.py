@@ -35,11 +35,12 @@ class ModelFiles:
     M: str = key("", "the file of the mass matrix", example="M.mtx", file=True, otherwise="that of model")
     K: str = key("", "the file of the stiffness matrix", required_with="M", example="K.mtx", file=True, otherwise="that of model")
     D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
-    V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx", file=True)
+    V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx",
+                 file=True)
     dofs: str = key("", "the file of the DOF map; of a reduced model that of its interface, 'node,component,x,y,z' a line",
                     otherwise="none", file=True, example="interface.csv")
-    interface: list[int | str] = key([], "interface DOF: of a reduced model its coordinates, from 0; of a full one from 0, or by the map "
-                                     "as '12:uz' or '12:*', in the order of the reduced one", least=0, example=[0, 1, 2],
+    interface: list[int | str] = key([], "interface DOF: of a reduced model its coordinates, from 0; of a full one from 0, or by "
+                                     "the map as '12:uz' or '12:*', in the order of the reduced one", least=0, example=[0, 1, 2],
                                      otherwise="not known")
     kinds: list[str] = key([], "the kind of each coordinate, such as 'constraint' and 'fixed-interface'", otherwise="not stated",
                            example=["constraint", "fixed-interface"])
@@ -55,14 +56,16 @@ class ModelFiles:
 class AuditAsk(Ask):
     """What is right, wrong, and cannot be known of reduced models."""
 
-    audit: str | ModelFiles = key(PARTS, "'parts': each part that is a superelement, and each reduced model against the full one; the files "
-                                  "of a model; or 'example', a steel beam of which one mode is missing",
+    audit: str | ModelFiles = key(PARTS, "'parts': each part that is a superelement, and each reduced model against the full "
+                                  "one; the files of a model; or 'example', a steel beam of which one mode is missing",
                                   choices=lambda _: (PARTS, EXAMPLE))
-    full: ModelFiles = key(None, "of files: the full model", otherwise="not known", example={"M": "full-M.mtx", "K": "full-K.mtx"})
+    full: ModelFiles = key(None, "of files: the full model", otherwise="not known", example={"M": "full-M.mtx",
+                                                                                             "K": "full-K.mtx"})
     cutoff: float = key(0.0, "the frequency below which all modes are said to be kept", unit="rad/time", least=0,
                         otherwise="what the model states")
     mass: float = key(0.0, "the mass that the part should have", unit="mass", least=0, otherwise="not stated")
-    floating: str = key("", "whether the part hangs on nothing", choices=lambda _: ("yes", "no"), otherwise="not stated", example="yes")
+    floating: str = key("", "whether the part hangs on nothing", choices=lambda _: ("yes", "no"), otherwise="not stated",
+                        example="yes")
     gyroscopic: bool = key(False, "whether the part turns, so that D may be unsymmetric")
 
     KIND: ClassVar[str] = "audit"
@@ -133,7 +136,8 @@ class AuditAsk(Ask):
             masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
             faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
             unknown += [f"{name}: {one.what}: {one.said}." for one in found.unknown]
-        columns = ("part", "size", column("grids", "grids", "d"), "interface", "modes", "cutoff", column("recovered", "motions", "d"),
+        columns = ("part", "size", column("grids", "grids", "d"), "interface", "modes", "cutoff", column("recovered", "motions",
+                                                                                                         "d"),
                    column("own_frame", "own frame", "d"), column("trusted", "trusted ω", ".5g", unit="rad/time"),
                    column("faults", "faults", "d"))
         return Result({"audit": {"rows": rows, "checks": checks}}, [

@@ -97,7 +97,8 @@ class BranchAsk(CyclesAsk):
         found.sort(key=lambda item: order.index(item["model"]))
         whole = [item for item in found if "branch" in item]
         dots = [dot for one in sorted(ordered, key=lambda one: order.index(one.kind)) if small(one.model) for dot in self.dotted(
-            models, one.kind, one.model, belt, ends, families[0], [item["branch"] for item in whole if item["model"] == one.kind])]
+            models, one.kind, one.model, belt, ends, families[0], [item["branch"] for item in whole
+                                                                   if item["model"] == one.kind])]
         lines, records, special = list[dict[str, Any]](), list[dict[str, Any]](), list[str]()
         ended: dict[str, list[str]] = {}
         for item in found:
@@ -131,7 +132,8 @@ class BranchAsk(CyclesAsk):
             Table("branch", rows, title="Branches, point by point"), Table("branch-transients", dots, title="Transients"),
             bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
 
-    def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Branch]) -> tuple[Branch, list[dict[str, Any]]]:
+    def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Branch]) -> tuple[Branch,
+                                                                                                         list[dict[str, Any]]]:
         """A model whose modes are not at hand: its cycles at a few points of the last of reduced models' branches.
 
         Each starts from the cycle there. They are spread evenly from the branch's beginning, where there is no amplitude yet, to

@@ -35,10 +35,11 @@ class CompareAsk(Ask):
     Times are those of models made and solved anew, in turns.
     """
 
-    compare: list[str] = key(["growth", "critical", "held"], "what is compared beside frequencies: growth rates, the critical value of "
-                             "the parameter, frequencies with the interface held, receptances", choices=lambda _: ERRORS)
+    compare: list[str] = key(["growth", "critical", "held"], "what is compared beside frequencies: growth rates, the critical "
+                             "value of the parameter, frequencies with the interface held, receptances", choices=lambda _: ERRORS)
     parameter: str = key("", "of which the critical value is compared", otherwise="'slope' of a belt", example="mu")
-    values: list[float] = key([], "values of the parameter at which growth rates are compared", otherwise="as the contacts are given",
+    values: list[float] = key([], "values of the parameter at which growth rates are compared",
+                              otherwise="as the contacts are given",
                               example=[0.2, 0.4])
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]")
     frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)
@@ -81,7 +82,8 @@ class CompareAsk(Ask):
                 frequencies += rowed(values, listed)
         table = Table("compare", rows, title="Error against run time")
         shown += [table, *self.charts(models, made), *choices]
-        data = {"rows": rows, "band": made[0][1].band, "recommended": recommended, "left_out": left_out, "frequencies": frequencies,
+        data = {"rows": rows, "band": made[0][1].band, "recommended": recommended, "left_out": left_out,
+                "frequencies": frequencies,
                 "tolerance": models.scene.reduce.tolerance, "values": list(made[0][1].values)}
         return Result({"compare": data}, shown)
 
@@ -89,7 +91,8 @@ class CompareAsk(Ask):
         """The comparison of one full model with those reduced from it; what it has solved is there for other asks."""
         keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
         made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
-        over: dict[str, Any] = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter, self.between)} if self.over else {}
+        over: dict[str, Any] = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter,
+                                                                                 self.between)} if self.over else {}
         if not over and (self.parameter or "critical" not in self.compare):
             over = {"parameter": self.parameter if self.values else ""}
         at = np.linspace(lo or hi / self.frequencies, hi, self.frequencies) if "response" in self.compare else None

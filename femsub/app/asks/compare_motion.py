@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CompareMotionAsk(MotionAsk):
-    """The largest reduced model goes from a blow to its limit cycle. From the state it is in then, the full and all reduced models
-    run on side by side.
+    """The largest reduced model goes from a blow to its limit cycle; from its state then all models run on side by side.
 
     Times are in periods of the mode of that model that grows fastest. A [[ask]] motion of the same keys makes the long run once.
     """
@@ -39,7 +38,8 @@ class CompareMotionAsk(MotionAsk):
 
     KIND: ClassVar[str] = "compare-motion"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact", "reduce")
-    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("motion", "in_periods", "models", "show", "window", "length"), "times are in periods")
+    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("motion", "in_periods", "models", "show", "window", "length"),
+                                                      "times are in periods")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "motion", [0.0, self.long])
@@ -72,6 +72,7 @@ class CompareMotionAsk(MotionAsk):
                    column("seconds_per_period", "s per period", ".2g"), column("speedup", "times faster", ".4g"), "steps",
                    "energy_residual"]
         return Result({"compare-motion": {"period": period, "rows": rows}} | ({} if course.complete else {"complete": False}), [
-            f"Full and reduced models from one physical state over {self.compare_motion:g} periods (amplitudes over the second half)",
+            f"Full and reduced models from one physical state over {self.compare_motion:g} periods (amplitudes over the second "
+            "half)",
             Table("compare-motion", rows, columns, "Error against run time in motion"),
             *([period_chart(rows)] if len(rows) > 1 else [])])

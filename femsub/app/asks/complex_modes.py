@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from femsub import studies
-from femsub.app.asks import Ask, parameter_of, rowed
+from femsub.app.asks import WHICH, Ask, parameter_of, rowed
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.app.shapes import complex_pictures, page_mode, pictures, turned, vtu
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 NO_GROWTH = "no eigenvalue up to ω"
-WHICH = ("full", "reduced", "all", "best")
+
+Drawings: TypeAlias = tuple[list[Any], dict[str, Any]]  # pictures, and writers of files by their names
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class ComplexModesAsk(Ask):
             kept = list(dict.fromkeys([counts[0], counts[len(counts) // 2], counts[-1]])) if counts else [0]
             for modes in kept:
                 words = ", ".join(filter(None, (of, f"{modes} modes" if len(counts) > 1 else "")))
-                panels += [{**row, "panel": words or "all models"} for row in rows if row["model"] == "full" or row["modes"] == modes]
+                panels += [{**row, "panel": words or "all models"} for row in rows if row["model"] == "full"
+                           or row["modes"] == modes]
             unstable += rowed(values, growing(own, found[0][0], exact))
             shapes.append((own, found, at))
             remarks.append(studies.stability_remark(rows) if rows[0]["model"] == "full" else Remark())
@@ -80,7 +82,8 @@ class ComplexModesAsk(Ask):
                 f"{shapes[0][1][0][1].evidence})"
         only = [one for one in (column(each).key if isinstance(each, str) else each.key for each in columns)
                 if one not in ("counted", "full_counted")]
-        shown += [words, Table("complex-modes", spectra, columns, "Complex modes", len(self.varying) + 3, only=only, none=NO_GROWTH),
+        shown += [words, Table("complex-modes", spectra, columns, "Complex modes", len(self.varying) + 3, only=only,
+                               none=NO_GROWTH),
                   studies.eigenvalue_chart(panels, f"{scene.name}{at_words}")]
         shown += remarks
         shown.append(Remark.of_completeness(shapes[0][1][0][1].evidence, at_words.replace(", ", " at ", 1)))
@@ -88,7 +91,8 @@ class ComplexModesAsk(Ask):
         if unstable:
             shown += [f"Modes that grow, of the {shapes[0][1][0][0].kind} model: {len(unstable)}", Table(
                 "complex-modes-unstable", unstable, [*self.varying, "omega", column(
-                    "growth", form=".5g"), "error_bar", "damping", *(column(name, form=".2f") for name in parts)], "Modes that grow")]
+                    "growth", form=".5g"), "error_bar", "damping", *(column(name, form=".2f") for name in parts)],
+                "Modes that grow")]
         for own, found, at in shapes[:1]:
             if at is not None and not models.pencil:
                 made, files = self.shapes(own, found, at, data)
@@ -105,7 +109,8 @@ class ComplexModesAsk(Ask):
             found.append((one, models.spectrum(one, self.at, limit)))
         return found
 
-    def row(self, models: Models, one: Known, found: ComplexModes, exact: ComplexModes, at: int | None, first: Known) -> dict[str, Any]:
+    def row(self, models: Models, one: Known, found: ComplexModes, exact: ComplexModes, at: int | None,
+            first: Known) -> dict[str, Any]:
         """What a table shows of a model, beside the first one."""
         cutoff = getattr(one.model, "cutoff", np.inf)
         top = float(exact.frequencies.max(initial=0.0)) if self.every or models.pencil else models.band_of(self.band)[1]
@@ -123,7 +128,7 @@ class ComplexModesAsk(Ask):
             data["shape_error"] = float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
         return data
 
-    def shapes(self, models: Models, found: list[tuple[Known, ComplexModes]], at: int, data: dict[str, Any]) -> tuple[list[Any], dict[str, Any]]:
+    def shapes(self, models: Models, found: list[tuple[Known, ComplexModes]], at: int, data: dict[str, Any]) -> Drawings:
         """Pictures and files of the modes that grow, or of the least stable one, of the last model that was asked for."""
         scene, units = models.scene, models.scene.units
         first, exact = found[0]
@@ -156,9 +161,12 @@ class ComplexModesAsk(Ask):
             chosen = chosen[np.argsort(exact.eigenvalues[chosen].imag)]
             many = {kind: (mesh, turned(fields)) for kind, (mesh, fields) in models.drawn(exact.shapes[:, chosen]).items()}
             names = [units.frequency(exact.eigenvalues[i].imag) for i in chosen]
-            titles = [f"{name}, Re λ = {exact.eigenvalues[i].real:.4g} 1/{units.time}" for name, i in zip(names, chosen, strict=True)]
-            made, _ = pictures("complex-modes-unstable", {kind: (mesh, fields.real) for kind, (mesh, fields) in many.items()}, titles,
-                               f"{scene.name}{at_words}: modes that grow, at the phase of the largest displacement", models.marks, names)
+            titles = [f"{name}, Re λ = {exact.eigenvalues[i].real:.4g} 1/{units.time}" for name, i
+                      in zip(names, chosen, strict=True)]
+            made, _ = pictures("complex-modes-unstable", {kind: (mesh, fields.real) for kind, (mesh, fields) in many.items()},
+                               titles,
+                               f"{scene.name}{at_words}: modes that grow, at the phase of the largest displacement",
+                               models.marks, names)
             for kind, (mesh, fields) in many.items():
                 views = {"real-part": fields.real, "imaginary-part": fields.imag, "phase": np.degrees(np.angle(fields))}
                 files["complex-modes-unstable" + (f"-{kind}" if len(many) > 1 else "") + ".vtu"] = partial(vtu, mesh, {

@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub import ReducedSubstructure, studies
-from femsub.app.asks import Ask, check_factors, parameter_of, range_of, rowed
+from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError, first_few
@@ -36,7 +36,7 @@ class CriticalAsk(Ask):
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]; 'slope' has none",
                                example=[0.0, 0.6])
     every: bool = key(False, "whether all losses and regains are sought, and counted, of the full model or the pencil")
-    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: ("full", "reduced", "all", "best"))
+    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
     reference: list[float] = key([], "values that are known, one for each that varies, to compare with", otherwise="none")
 
     KIND: ClassVar[str] = "critical"
@@ -75,17 +75,19 @@ class CriticalAsk(Ask):
             columns = [*names, "model", "modes", "size", column("value", f"critical {self.said}", ".6g", cell=never),
                        column("omega", "at ω", ".5g"), "error", "port_error"]
             shown.append(Table("critical", rows, columns, f"Critical {self.said}", keys=len(names) + 3))
-            shown += dict.fromkeys(f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows if row["reason"])
+            shown += dict.fromkeys(f"{label(row['model'])} with {row['size']} DOF: {row['reason']}" for row in rows
+                                   if row["reason"])
             if any(row["omega"] == 0 for row in rows):
-                shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of what "
-                             f"oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
+                shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of "
+                             f"what oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
             shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
         if crossings:
             several = len(crossings) != len({(row["model"], *(row[name] for name in names)) for row in crossings})
             columns = [*names, *([] if models.pencil else ["model", "size"]), column("stability", form="s"),
                        column("value", self.said, "s", cell=digits), column("kind", form="s"), "omega",
-                       *([column("reference", "known", ".10f"), column("error", "error", ".0e")] if self.reference else []), "evidence"]
+                       *([column("reference", "known", ".10f"), column("error", "error", ".0e")] if self.reference else []),
+                       "evidence"]
             name = "critical-all" if rows else "critical"
             shown += [*([f"All losses and regains of stability, over {self.said}:"] if several or rows else []),
                       Table(name, crossings, columns, "Losses and regains of stability"), *self.verdict(crossings, lost, band)]
@@ -106,7 +108,7 @@ class CriticalAsk(Ask):
         between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
         band, rows = models.band_of(self.band), list[dict[str, Any]]()
         chosen = models.chosen(self.models)
-        ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen  # a large model is sought near the others'
+        ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen  # a large one is sought near others
         found: dict[int, Any] = {}
         near = float("nan")
         for one in ordered:
@@ -132,14 +134,17 @@ class CriticalAsk(Ask):
             band = models.band_of(self.band)
         if self.by_slope:
             belt = next(one for one in contacts if isinstance(one, fs.Belt))
-            return fs.critical_slope(model, belt.port, force=belt.force, contacts=[at for at in contacts if at is not belt] or None,
+            return fs.critical_slope(model, belt.port, force=belt.force, contacts=[at for at in contacts if at is not belt]
+                                     or None,
                                      band=band)
-        return fs.critical_value(model, contacts, self.critical, between=range_of(models.scene, self.critical, self.between), band=band)
+        return fs.critical_value(model, contacts, self.critical, between=range_of(models.scene, self.critical, self.between),
+                                 band=band)
 
     def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
         """What was found, and what was not excluded."""
         left = [f"{name}: not excluded are further crossings in "
-                f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found in lost.items() if found.open]
+                f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found
+                in lost.items() if found.open]
         decides = []
         for row in rows:
             at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import Ask, check_factors, parameter_of, range_of
+from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.errors import InputError
@@ -24,12 +24,14 @@ if TYPE_CHECKING:
 class FlutterAsk(Ask):
     """Frequencies and growth rates of modes over a parameter, and where they meet."""
 
-    flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]", required=True,
+    flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
+                       required=True,
                        example="mu")
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]", example=[0.0, 0.6])
-    points: int = key(29, "values at which modes are listed; the diagram has others between them where modes meet", least=2, most=10000)
+    points: int = key(29, "values at which modes are listed; the diagram has others between them where modes meet", least=2,
+                      most=10000)
     models: str = key("best", "which models have lines: 'full', 'reduced', 'all', or 'best', the largest of the last method",
-                      choices=lambda _: ("full", "reduced", "all", "best"))
+                      choices=lambda _: WHICH)
     full: list[float] = key([], "values at which the full model is solved and drawn beside a reduced one", otherwise="none",
                             example=[0.2, 0.4])
 
@@ -47,7 +49,8 @@ class FlutterAsk(Ask):
         kept = models.scene.store.get(("critical", self.flutter), {})
         symbol = "μ" if self.flutter == "mu" else self.flutter
         for values, own in self.variants(models):
-            for one in own.chosen("full" if models.pencil and self.models == "best" and not own.scene.reduce.methods else self.models):
+            for one in own.chosen("full" if models.pencil and self.models == "best" and not own.scene.reduce.methods
+                                  else self.models):
                 name = " ".join([*map(str, values.values()), *([] if models.pencil and values else [
                     label(one.kind) if one.kind != "full" else own.scene.name if models.pencil else "full"])])
                 models.say(f"modes over {self.flutter}, {name} with {one.model.size} DOF")
@@ -55,17 +58,19 @@ class FlutterAsk(Ask):
                 band = own.given_band if models.pencil and not self.band else own.band_below(one, self.band)
                 tracks[name] = fs.track(model, contacts, self.flutter, np.linspace(lo, hi, self.points), band=band)
                 if not tracks[name].eigenvalues.size:
-                    raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time anywhere "
-                                     "in the range. Give another band")
+                    raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time "
+                                     "anywhere in the range. Give another band")
                 known = kept.get(" ".join(map(str, values.values())) or own.scene.name)
                 if known is None:
-                    found = fs.critical_value(model, contacts, self.flutter, between=(lo, hi), band=band, solver="followed" if one.before
+                    found = fs.critical_value(model, contacts, self.flutter, between=(lo, hi), band=band, solver="followed"
+                                              if one.before
                                               else "auto") if one.before or models.pencil else None
                     known = [*found.losses, *found.regains] if found is not None else []
                 crossings[name] = known
             if self.full:
                 points[f"full model of {own.full.size} DOF"] = [
-                    (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band), False).eigenvalues) for value in self.full]
+                    (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band), False).eigenvalues) for value
+                    in self.full]
         branches = [{"model": name, self.flutter: float(item.values[i]), "branch": j, "growth": float(value.real),
                      "omega": float(value.imag), "damping": float(-100 * value.real / abs(value)) if value else 0.0,
                      "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}
@@ -82,7 +87,8 @@ class FlutterAsk(Ask):
         columns = ["model", column("kind", "meeting", "s"), column("value", symbol, ".8g"), column("branches", form="d"),
                    column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
                    column("condition", form=".0e"), "error_bar"]
-        losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}" for name, several in crossings.items()
+        losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}" for name, several
+                           in crossings.items()
                            if several)
         return Result({"flutter": {"branches": branches, "meetings": meetings}}, [
             "Modes tracked:", *(f"{name}: {item!r}".replace(" over mu ", " over μ ") for name, item in tracks.items()),

@@ -58,5 +58,6 @@ class GrowthAsk(Ask):
                     contacts = own.at({self.growth: 0.0})
                     panel["growth"][at] = fs.sweep(one.model, contacts, self.growth, values, band=band).growth
                 panel["critical_slope"][at] = studies.first_loss(one.model, own.linear, self.growth, None, band).value
-        found = {"slopes": values, "at": columns, "over": first, "panels": [one for rest in dict.fromkeys(rest for _, rest in panels) for (_, of), one in panels.items() if of == rest]}
+        ordered = sorted(panels.items(), key=lambda one: list(dict.fromkeys(rest for _, rest in panels)).index(one[0][1]))
+        found = {"slopes": values, "at": columns, "over": first, "panels": [one for _, one in ordered]}
         return Result({"growth": found}, [studies.growth_chart(found)])

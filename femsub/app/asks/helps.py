@@ -43,13 +43,17 @@ class HelpsAsk(Ask):
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
-        candidates = {name: replace(models.scene.parameters[name].change(models), amount=amount) for name, amount in self.helps.items()}
+        candidates = {name: replace(models.scene.parameters[name].change(models), amount=amount) for name, amount
+                      in self.helps.items()}
         found = fs.what_helps(known.model, models.at(self.at), candidates, self.target, band=models.band_below(known, self.band),
                               full=models.full if known.before else None, first=self.solved_in_full)
-        rows = [{"change": one.name, "amount": self.helps.get(one.name, float("nan")), "growth": one.growth, "by_slope": one.by_slope,
-                 "is_stable": one.is_stable, "in_full": one.in_full.growth if one.in_full is not None else None, "words": one.words}
+        rows = [{"change": one.name, "amount": self.helps.get(one.name, float("nan")), "growth": one.growth,
+                 "by_slope": one.by_slope,
+                 "is_stable": one.is_stable, "in_full": one.in_full.growth if one.in_full is not None else None,
+                 "words": one.words}
                 for one in found.tried]
         columns = [column("change", form="s"), column("amount", form=".5g"), column("growth", form=".5g"),
                    column("by_slope", "by slope", ".5g"), "is_stable", column("in_full", "in full", ".5g")]
         return Result({"helps": {"before": found.before.growth, "rows": rows}}, [
-            repr(found), Table("helps", rows, columns, "Changes"), changes_chart("helps", found, f"{models.scene.name}: what helps")])
+            repr(found), Table("helps", rows, columns, "Changes"), changes_chart("helps", found, f"{models.scene.name}: what "
+                                                                                 "helps")])

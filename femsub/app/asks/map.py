@@ -28,7 +28,8 @@ class MapAsk(Ask):
     map: list[str] = key([], "the two parameters, across and up", required=True, form="[across, up]", example=["mu", "pressure"])
     points: list[int] = key([60, 60], "values of each", least=2, form="[across, up]")
     third: dict[str, list[float]] = key({}, "a third parameter and its values: {speed = [10, 20]}", otherwise="none")
-    models: str = key("best", "the model that is mapped: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
+    models: str = key("best", "the model that is mapped: 'full', or 'best', the largest of the last method",
+                      choices=lambda _: ("full", "best"))
     spots: int = key(4, "points at which the full model is solved beside a reduced one", least=0)
 
     KIND: ClassVar[str] = "map"
@@ -60,7 +61,8 @@ class MapAsk(Ask):
         shown: list[Any] = [f"{name}: {one!r}" if name else repr(one) for name, one in maps.items()]
         for name, one in maps.items():
             shown += studies.stability_map_tables("map" + f"-{name.replace(' = ', '-')}" * bool(name), one)
-        data = {"map": {"parameters": self.map, "share_undecided": {name: float(one.undecided.mean()) for name, one in maps.items()},
+        data = {"map": {"parameters": self.map, "share_undecided": {name: float(one.undecided.mean()) for name, one
+                                                                    in maps.items()},
                         "growing": {name: int(one.number.max()) for name, one in maps.items()}}}
         return Result(data, [*shown, studies.stability_map_chart("map", maps, f"{models.scene.name}: stability over "
                                                                  f"{self.map[0]} and {self.map[1]}")])

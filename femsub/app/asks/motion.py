@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub import studies
-from femsub.app.asks import Ask
+from femsub.app.asks import WHICH, Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.checks import Interruptible
@@ -48,8 +48,8 @@ class MotionAsk(Ask):
     """Each model moves under its contacts from its own steady sliding and a blow on a port."""
 
     motion: list[float] = key([], "the time, [from, to]", unit="time", form="[from, to]", required=True, example=[0.0, 500.0])
-    in_periods: bool = key(False, "whether times are counted in periods of the mode that grows fastest, of the largest model of the last "
-                           "method")
+    in_periods: bool = key(False, "whether times are counted in periods of the mode that grows fastest, of the largest model of "
+                           "the last method")
     window: list[float] = key([], "the part whose amplitude and spectrum are shown", unit="time", form="[from, to]",
                               otherwise="the last quarter")
     step: float = key(0.0, "of the grid that is recorded; in periods its part of one", unit="time", least=0,
@@ -59,9 +59,9 @@ class MotionAsk(Ask):
     observe: str = key("", "the place whose velocity is shown, 'part.port'", otherwise="the first port under a contact")
     length: float = key(0.0, "of the spectrogram's window", unit="time", least=0, otherwise="a fiftieth of the time")
     tol: float = key(1e-7, "error control of the integration (femsub.transient)", above=0)
-    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: ("full", "reduced", "all", "best"))
-    show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ and "
-                          "criteria of quality need all eigenvalues of each model", choices=lambda _: SHOW)
+    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
+    show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ "
+                          "and criteria of quality need all eigenvalues of each model", choices=lambda _: SHOW)
 
     KIND: ClassVar[str] = "motion"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
@@ -80,7 +80,8 @@ class MotionAsk(Ask):
                 raise unknown_name("part", part, scene.parts)
             scene.parts[part].check_port(part, port)
         elif not any(one.places for one in scene.contacts.values()):
-            raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is shown")
+            raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is "
+                             "shown")
         if self.window and (self.window[0] < self.motion[0] or self.window[1] > self.motion[1]):
             raise InputError(f"window {self.window} reaches beyond the time {self.motion}")
 
@@ -118,7 +119,8 @@ class MotionAsk(Ask):
         place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
         v = run.velocity(place)
         row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "window": list(window), "rms": None, "peaks": None,
-                               "heights": None, "sticking": None, "energy_residual": run.energy.residual, "steps": run.effort.steps,
+                               "heights": None, "sticking": None, "energy_residual": run.energy.residual,
+                               "steps": run.effort.steps,
                                "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
         inside, seen = (run.t >= window[0]) & (run.t <= window[1]), None
         if run.complete and inside.sum() > 64:
@@ -155,8 +157,8 @@ class MotionAsk(Ask):
         modes = models.spectrum(reference)
         at = most_unstable(modes)
         if at is None:
-            raise InputError(f"nothing grows: {reference.model!r} is stable below its cut-off under {models.contacts!r}; take a larger "
-                             "force, less damping or another speed")
+            raise InputError(f"nothing grows: {reference.model!r} is stable below its cut-off under {models.contacts!r}; take a "
+                             "larger force, less damping or another speed")
         value = complex(modes.eigenvalues[at])
         return 2 * np.pi / value.imag, value
 

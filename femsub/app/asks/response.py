@@ -79,7 +79,8 @@ class ResponseAsk(Ask):
         table = Table("response-errors", rows, columns if rows else (), "Errors of receptances", keys=3)
         where = "about the sliding state" if self.sliding else "at rest"
         head = (f"Receptance at {', '.join(self.observe or self.response)} {where}, loss factor {self.loss:g}, at {len(omega)} "
-                f"frequencies; full model: {exact.evidence}, {int(exact.direct.sum())} solved directly, the others by {exact.modes} modes")
+                f"frequencies; full model: {exact.evidence}, {int(exact.direct.sum())} solved directly, the others by "
+                f"{exact.modes} modes")
         shown: list[Any] = [head, table, Table("response", points, title="Receptances"),
                             studies.response_chart(curves, f"{scene.name}: receptance {where}")]
         data = {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()), "sliding": self.sliding,

@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SensitivitiesAsk(Ask):
-    """∂λ/∂p of the modes that grow, or of the least stable one, with error bars: what each parameter does to growth and frequency."""
+    """∂λ/∂p of the modes that grow, or of the least stable one, with error bars."""
 
-    sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]", required=True,
+    sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]",
+                                   required=True,
                                    example=["mu", "pressure"])
     at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
@@ -43,7 +44,8 @@ class SensitivitiesAsk(Ask):
         of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
         if not of and (at := least_stable(modes)) is not None:
             of = [at]
-        parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters and models.scene.parameters[name].acts
+        parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters
+                      and models.scene.parameters[name].acts
                       else name for name in self.sensitivities]
         model = known.model
         values = {name: self.at.get(name, models.value(name)) for name in model.parameters} if models.pencil or isinstance(
@@ -54,8 +56,10 @@ class SensitivitiesAsk(Ask):
              "growth_slope": float(found.first[i, j].real), "frequency_slope": float(found.first[i, j].imag),
              "error_bar": float(found.error_bar[i, j])}
             for i, value in enumerate(np.asarray(found.eigenvalues)) for j, name in enumerate(self.sensitivities)]
-        columns = ["omega", column("growth", form=".5g"), column("parameter", form="s"), column("growth_slope", "∂Re λ/∂p", ".5g"),
+        columns = ["omega", column("growth", form=".5g"), column("parameter", form="s"), column("growth_slope", "∂Re λ/∂p",
+                                                                                                ".5g"),
                    column("frequency_slope", "∂Im λ/∂p", ".5g"), "error_bar"]
         whose = "of the full model" if not known.before else f"of the model of {known.model.size} DOF"
         return Result({"sensitivities": rows}, [
-            f"Derivatives of eigenvalues {whose}: {found!r}", Table("sensitivities", rows, columns, "Derivatives of eigenvalues", keys=2)])
+            f"Derivatives of eigenvalues {whose}: {found!r}", Table("sensitivities", rows, columns, "Derivatives of eigenvalues",
+                                                                    keys=2)])

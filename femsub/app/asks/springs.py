@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 class SpringsAsk(Ask):
     """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
 
-    springs: list[float] = key([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4], "stiffness of the springs over the part's own static stiffness "
-                               "at the interface", above=0)
+    springs: list[float] = key([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4], "stiffness of the springs over the part's own static "
+                               "stiffness at the interface", above=0)
     lowest: int = key(8, "so many of the lowest elastic frequencies are compared", least=1, most=1000)
 
     KIND: ClassVar[str] = "springs"

@@ -54,7 +54,8 @@ class AffinePart(Part):
         {"matrix": "K.mtx"}, {"matrix": "KR.mtx", "factor": "mu"}]})
 
     KIND: ClassVar[str] = "affine"
-    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it places")
+    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it "
+                                                      "places")
 
     @cached_property
     def factors(self) -> dict[str, dict[str, Expression]]:
@@ -103,7 +104,8 @@ class AffinePart(Part):
                 elif line is None:
                     added.append((Factor(one, tuple(at for at in free if at in one.names), tuple(values.items())), A))
                 else:  # a straight line in the parameter stands as such, so that it can be certified
-                    added += [(theta, factor * A) for theta, factor in ((1.0, line[0]), (free[0], line[1])) if factor] or [(0.0, A)]
+                    added += [(theta, factor * A) for theta, factor in ((1.0, line[0]), (free[0], line[1]))
+                              if factor] or [(0.0, A)]
             sums.append(added or (None if terms is self.factors["D"] else [(0.0, A)]))
         return fs.Affine(*sums)
 

@@ -32,7 +32,8 @@ class BeamPart(Part):
                        example=0.02)
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
                         otherwise="I and A are given", example=0.01)
-    I: float = key(0.0, "second moment of area", unit="length⁴", least=0, otherwise="that of the rectangle width x height")  # noqa: E741
+    I: float = key(0.0, "second moment of area", unit="length⁴", least=0,  # noqa: E741
+                   otherwise="that of the rectangle width x height")
     A: float = key(0.0, "area", unit="length²", least=0, otherwise="that of the rectangle width x height")
     foundation: float = key(0.0, "stiffness of an elastic foundation per length", unit="force/length²", least=0)
     left: str = key("free", "how the left end is held", choices=lambda _: SUPPORTS)
@@ -59,13 +60,15 @@ class BeamPart(Part):
 
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
-        return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation, part=part,
+        return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation,
+                                      part=part,
                                       rayleigh=rates(self.rayleigh), **self.section)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)
         return self.one(site, fs.beam(
-            self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation, supports={"left": self.left, "right": self.right},
+            self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation,
+            supports={"left": self.left, "right": self.right},
             interface=self.prefer(site), ports=self.ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:

@@ -54,7 +54,7 @@ class ChainPart(Part):
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         if self.cut:
             if self.cut >= self.chain:
-                raise InputError(f"a chain of {self.chain} masses can be cut into {self.chain - 1} pieces at most, not {self.cut}")
+                raise InputError(f"{self.chain} masses can be cut into {self.chain - 1} pieces at most, not {self.cut}")
             parts, joints, _ = cut_chain(self.chain, self.cut, self.belt, self.damping, masses=self.masses, springs=self.springs)
             return Made(dict(parts), joints)
         masses = list(dict.fromkeys(self.belt if one == "belt" else one for one in self.prefer(site)))

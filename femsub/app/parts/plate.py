@@ -77,5 +77,6 @@ class PlatePart(Part):
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         assert mesh is not None
-        return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group or None,
+        return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group
+                                       or None,
                                        part=part, rayleigh=rates(self.rayleigh))

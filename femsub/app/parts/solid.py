@@ -27,8 +27,8 @@ BRAKE = ("disc", "inboard", "outboard")
 class Shape:
     """A solid that is made: a disc of `radii` about z, a block of `lengths`, or a part of femsub's own `brake`.
 
-    A block has the sets left, right, front, back, bottom and top. A disc has inner, outer, bottom, top, contact (cells on top, two
-    around, next to the outer rim, at angle 0) and mounts (three nodes of the lower edge of the outer rim, 120° apart).
+    A block has the sets left, right, front, back, bottom and top. A disc has inner, outer, bottom, top, contact (cells on top,
+    two around, next to the outer rim, at angle 0) and mounts (three nodes of the lower edge of the outer rim, 120° apart).
     """
 
     radii: list[float] = key([], "of a disc", unit="length", above=0, form="[inner, outer]", otherwise="it is no disc",
@@ -101,8 +101,8 @@ class SolidPart(Part):
     cells: str = key("", "which kind of cells to take of a file of several kinds", otherwise="the file's only kind",
                      example="hexahedron20")
     supports: list[str] = key([], "sets that are held", otherwise="none", example=["hub"])
-    ports: dict[str, Any] = key({}, "places by their names: a set whose mean motion along y counts, or [set, direction], an axis, "
-                                "the surface's 'normal', or a vector", otherwise="none", example={"belt": ["contact", "y"]})
+    ports: dict[str, Any] = key({}, "places by their names: a set whose mean motion along y counts, or [set, direction], an "
+                                "axis, the surface's 'normal', or a vector", otherwise="none", example={"belt": ["contact", "y"]})
     sets: dict[str, NearKeys] = key({}, "further sets of one node each", otherwise="none")
     rayleigh: list[float] = key([], "[alpha, beta] of the damping D = αM + βK", **RAYLEIGH)
 
@@ -121,7 +121,8 @@ class SolidPart(Part):
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         material: Material | dict[str, Material] = site.material(self.material) if isinstance(self.material, str) else {
             group: site.material(name) for group, name in self.material.items()}
-        ports = {name: (one, "y") if isinstance(one, str) else tuple(one) for name, one in (self.ports | dict(site.ports)).items()}
+        ports = {name: (one, "y") if isinstance(one, str) else tuple(one) for name, one
+                 in (self.ports | dict(site.ports)).items()}
         assert mesh is not None
         return self.one(site, fs.solid(mesh, material, supports=motions(self.supports), interface=motions(self.prefer(site)),
                                        ports=ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
