@@ -413,7 +413,7 @@ class Models:
         changes = {name: one.change(self) for name, one in self.scene.parameters.items() if name in names and one.acts}
         if self.pencil and known is self.exact:
             part, = self.scene.parts.values()
-            values = {name: self.value(name) for name in part.names if name not in names}  # type: ignore[attr-defined]
+            values = {name: self.value(name) for name in part.names if name not in names}
             site = self.scene.site(next(iter(self.scene.parts)))
             return self.kept(("family", self._key, tuple(names), tuple(values.items())),
                              lambda: part.family(site, tuple(names), values)), None  # type: ignore[attr-defined]

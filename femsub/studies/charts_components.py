@@ -69,8 +69,9 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
     for key, label, drawn in (("value", f"critical {said}", finite), ("error", ERROR, floored)):
         for place, mine in places.items():
             errors, levels = key == "error", list[Level]()
-            series = [Series(*one, "solid", size=nested(at), hover=hover_of(own, words)) for at, (own, one) in enumerate(
-                _lines([row for row in mine if row["model"] != "full"], x, key, drawn))]
+            series = [Series(name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"], "solid",
+                             size=nested(at), hover=hover_of(own, words)) for at, (name, own) in enumerate(
+                                 _lines([row for row in mine if row["model"] != "full"], x))]
             full = [row for row in mine if row["model"] == "full" and np.isfinite(row["value"])]
             if full and not errors and x == "size":
                 levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")]
@@ -83,15 +84,11 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
 
 
-def _lines(rows: Sequence[Mapping[str, Any]], x: str, key: str, drawn: Any) -> list[tuple[Any, Any]]:
-    """For each method, and over what varies for each number of modes, its rows; its name, places, values and the method."""
-    found = []
+def _lines(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
+    """The rows of each method, and over what varies of each number of modes, in the order of x, by their names."""
     several = x != "size" and len({row["modes"] for row in rows}) > 1
-    for own in grouped(rows, "model", *(["modes"] if x != "size" else [])).values():
-        own.sort(key=lambda row: row[x])
-        name = look(own[0]["model"]).label + (f", {own[0]['modes']} modes" if several else "")
-        found.append((own, (name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"])))
-    return found
+    return [(look(own[0]["model"]).label + (f", {own[0]['modes']} modes" if several else ""), sorted(own, key=lambda row: row[x]))
+            for own in grouped(rows, "model", *(["modes"] if x != "size" else [])).values()]
 
 
 def nested(at: int) -> float:

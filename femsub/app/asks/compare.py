@@ -111,8 +111,8 @@ class CompareAsk(Ask):
                 models.scene.store.setdefault(place, Known(key, count, model, [models.full], tuple(own)))
         values = [{self.parameter: value} for value in found.values] or [{}]
         for given, spectrum in zip(values, found.spectra, strict=True):
-            at = "modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)
-            models.scene.store.setdefault(at if spectrum.evidence != NOT_CHECKED else ("uncounted", *at), spectrum)
+            place_of = "modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)
+            models.scene.store.setdefault(place_of if spectrum.evidence != NOT_CHECKED else ("uncounted", *place_of), spectrum)
         return found
 
     def charts(self, models: Models, made: list[tuple[str, Study]]) -> list[Any]:

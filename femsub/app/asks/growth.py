@@ -41,7 +41,7 @@ class GrowthAsk(Ask):
     def run(self, models: Models) -> Result:
         lo, hi = self.between
         values = np.linspace(lo, hi, self.points) if lo * hi <= 0 else np.sign(lo) * np.geomspace(abs(hi), abs(lo), self.points)
-        panels: dict[tuple[str, int, str], dict[str, Any]] = {}
+        panels: dict[tuple[str, str], dict[str, Any]] = {}
         first, *others = self.varying
         columns = next(given for given in self.vary.values() if len(given) > 1)
         reduce = models.scene.reduce
