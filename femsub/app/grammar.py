@@ -16,31 +16,32 @@ its values as a whole, and so does a list of asks.
 from __future__ import annotations
 
 import re
-import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from importlib.util import module_from_spec, spec_from_file_location
-from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, Self
 
-from femsub.app.asks import Ask, check_bounds, parameter_of
+from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
+from femsub.app.ends import GROUND, End, Link, facing_set
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
-from femsub.app.joints import GROUND, JointKind, facing_set
+from femsub.app.joints import JointKind
 from femsub.app.keys import key, keys_of, made
-from femsub.app.kinds import FAMILIES, Kinds
+from femsub.app.kinds import FAMILIES, Kinds, is_beside, kinds_file
 from femsub.app.methods import ReduceKeys
+from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
-from femsub.checks import resolved, word
-from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.checks import word
+from femsub.coupling import opposite
+from femsub.errors import InputError, unknown_name
+from femsub.io import texts_read
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -185,7 +186,8 @@ class Scene:
         self._allowed = allowed
         faults = Faults("" if variant else source, text)
         with faults.at(("use",)):
-            self.kinds = Kinds(self._modules(table.get("use", [])))
+            used = table.get("use", [])
+            self.kinds = Kinds([self.module(name) for name in (used if isinstance(used, list) else [used])])
         faults.check()
         known_as = Path(source).stem if source else ""
         if (name := table.get("scene")) is not None:
@@ -196,7 +198,7 @@ class Scene:
             faults.check()
         self.table = dict(table)
         self._read(faults, known_as or "scene")
-        self._check_names(faults)
+        check_names(self, faults)
         faults.check()
         self.faults = faults
 
@@ -224,38 +226,6 @@ class Scene:
             raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
                              "name of `femsub scenes`")
         return cls(table, path.parent, name, text, trusted, allowed=False)
-
-    def _modules(self, names: Any) -> list[ModuleType]:
-        """The user's Python files, which are run."""
-        found = []
-        for name in names if isinstance(names, list) else [names]:
-            path = self.folder / word("it", name)
-            if not self._allowed:
-                try:
-                    whole = resolved(path)
-                    allowed = whole.parent == resolved(self.folder) or whole in map(resolved, self.trusted)
-                except ValueError:
-                    allowed = False
-                if not allowed:
-                    raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it "
-                                     f"first, then allow it: femsub run {self.source} --trust {path}")
-            if not path.is_file():
-                raise InputError(f"there is no file {path}")
-            if (known := self.store.get(("module", path))) is not None:  # variants have the same kinds
-                found.append(known)
-                continue
-            spec = spec_from_file_location(f"femsub_kinds_{path.stem}", path)
-            assert spec is not None and spec.loader is not None
-            module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
-            try:
-                spec.loader.exec_module(module)
-            except FemsubError:
-                raise
-            except Exception as error:
-                raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
-            found.append(module)
-            self.store["module", path] = module
-        return found
 
     def _read(self, faults: Faults, known_as: str) -> None:
         """Makes all tables into their classes; what cannot be one is noted and left out."""
@@ -327,15 +297,36 @@ class Scene:
         """Where a table stands, from its name."""
         return (family, int(name) - 1 if isinstance(self.table.get(family), list) else name)
 
-    # names: what refers to what
+    def module(self, name: Any) -> ModuleType:
+        """A Python file of the user's, which is run: it lies beside the scene file, or the user has allowed it."""
+        path = self.folder / word("it", name)
+        whole = None if self._allowed else is_beside(path, self.folder, self.trusted)
+        if whole is False:
+            raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it first, then "
+                             f"allow it: femsub run {self.source} --trust {path}")
+        if ("module", path) not in self.store:  # variants have the same kinds
+            self.store["module", path] = kinds_file(path)
+        found: ModuleType = self.store["module", path]
+        return found
+
+    # meshes, and what joints and contacts need of parts
+
+    @property
+    def links(self) -> list[Link]:
+        """All joints and contacts."""
+        return [*self.joints.values(), *self.contacts.values()]
 
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
-        """The meshes of all parts that have one, with the sets that contacts and glue need."""
+        """The meshes of all parts that have one, with the sets of what lies opposite a surface."""
         found = {name: mesh for name in self.parts if (mesh := self.mesh(name)) is not None}
-        for joint in (*self.joints.values(), *self.contacts.values()):
-            if getattr(joint, "facing", False):
-                found |= self._facing(joint, found)
+        for joint in self.links:
+            if joint.facing:
+                first, second = map(End.of, joint.surfaces)
+                at = ("facing", first, second, *(repr(self.parts[one.part]) for one in (first, second)))
+                if at not in self.store:
+                    self.store[at] = opposite(found[first.part], first.rest, found[second.part], second.rest)
+                found[second.part] = found[second.part].with_sets(**{facing_set(first, second): self.store[at]})
         return found
 
     def mesh(self, name: str) -> Mesh | None:
@@ -343,164 +334,24 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
-            from femsub.io import texts_read
-
             with texts_read() as texts:
                 self.store[place] = part.mesh(self.site(name))
             self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
-    def _facing(self, joint: Any, meshes: Mapping[str, Mesh]) -> dict[str, Mesh]:
-        """The second part's mesh with the set of what lies opposite the first surface."""
-        from femsub.coupling import opposite
-
-        first, second = (self.split(one) for one in self.surfaces_of(joint))
-        at = ("facing", first, second, *(repr(self.parts[one[0]]) for one in (first, second)))
-        if at not in self.store:
-            self.store[at] = opposite(meshes[first[0]], first[1], meshes[second[0]], second[1])
-        return {second[0]: meshes[second[0]].with_sets(**{facing_set(first, second): self.store[at]})}
-
-    @staticmethod
-    def surfaces_of(joint: Any) -> list[str]:
-        """The two surfaces of a contact, or of glue, as the file has them."""
-        found: list[str] = joint.surfaces if isinstance(joint, ContactKind) else joint.ends
-        return found
-
-    @staticmethod
-    def split(end: str) -> tuple[str, str]:
-        """('disc', 'track') of 'disc.track'."""
-        name, _, rest = end.partition(".")
-        return name, rest
-
     def site(self, name: str) -> PartSite:
-        """Where a part is made, with what others need of it."""
+        """Where a part is made, with the interface and the ports that joints and contacts need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
-        for joint in self.joints.values():
-            ports |= joint.ports().get(name, {})
-            if not joint.ports():
-                interface += [self._needed(end, at, joint) for at, end in enumerate(joint.ends) if self._part_of(end) == name]
-        for contact in self.contacts.values():
-            interface += [self._needed(end, at, contact) for at, end in enumerate(contact.surfaces) if self._part_of(end) == name]
-        flat = [one for several in interface for one in several]
-        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(flat)), ports)
-
-    def _needed(self, end: str, at: int, joint: Any) -> list[Any]:
-        """The sets or DOF of the interface that an end names."""
-        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
-        if mark == ":":
-            numbers = [int(one) for one in rest.split(",") if one.strip().isdecimal()]
-            return numbers if type(self.parts[name]).KIND == "matrices" else []  # elsewhere numbers are masses or places
-        if not mark or rest in self.parts[name].port_names:
-            return []
-        if at == 1 and getattr(joint, "facing", False):
-            first = self.split(self.surfaces_of(joint)[0])
-            return [facing_set(first, (name, rest))]
-        try:
-            found = self.parts[name].end(rest, None)
-        except FemsubError:
-            return []
-        return [] if type(self.parts[name]).KIND == "superelement" else [found]
-
-    @staticmethod
-    def _part_of(end: str) -> str:
-        return re.split(r"[.:]", end, maxsplit=1)[0]
-
-    def _check_names(self, faults: Faults) -> None:
-        """Notes all names that do not exist, and parts that are joined to nothing."""
-        meshes: dict[str, Any] = {}
-        for name, part in self.parts.items():
-            with faults.at(("part", name)):
-                meshes[name] = mesh = self.mesh(name)
-                known = {**mesh.sets, **mesh.groups} if mesh is not None else {}
-                for key_, one in part.sets_named() if mesh is not None else ():
-                    if one not in known:
-                        faults.add(("part", name, key_), unknown_name("set", one, known))
-            for material in self._materials_of(part):
-                if material not in self.materials:
-                    faults.add(("part", name, "material"), unknown_name("material", material, self.materials))
-        links: list[set[str]] = []
-        for family, several in (("joint", self.joints), ("contact", self.contacts)):
-            for name, joint in several.items():
-                place = (*self.place(family, name), type(joint).KIND)
-                ports = joint.places if isinstance(joint, ContactKind) else []
-                ends = [*ports, *(joint.surfaces if isinstance(joint, ContactKind) else joint.ends)]
-                for end in ends:
-                    with faults.at(place):
-                        self._check_end(end, meshes, port=end in ports)
-                links.append({self._part_of(end) for end in ends} - {GROUND})
-        if not self.parts and not faults.found and not all(ask.alone for ask in self.asks):
-            faults.add((), "there is no part: give a table such as [part.disc], or scene = \"chain\" or another name of `femsub "
-                       "scenes`")
-        if not self.asks and not faults.found:
-            faults.add((), f"nothing is asked: give a table [[ask]] with one of {', '.join(self.kinds.names('ask'))}")
-        lone = {name for ask in self.asks for name in ask.parts_named()}
-        self._check_joined(links, lone, faults)
-        if not faults.found:
-            for name, given in self.parameters.items():
-                if not given.acts:
-                    with faults.at(("parameter", name)):
-                        parameter_of(self, name)
-                        check_bounds(self, name, [*given.between, *([] if given.value is None else [given.value])])
-            for at, ask in enumerate(self.asks):
-                with faults.at(("ask", at)):
-                    ask.check(self)
-        if not faults.found and not self.variant:
-            for at, ask in enumerate(self.asks):
-                with faults.at(("ask", at, "vary")):
-                    self._check_varied(ask)
-
-    def _check_varied(self, ask: Ask) -> None:
-        """Refuses keys that are not there, and values that they cannot have."""
-        if empty := [path for path, values in ask.vary.items() if not values]:
-            raise InputError(f"{empty[0]!r} has no values")
-        for values in product(*ask.vary.values()) if ask.vary else ():
-            self.varied(dict(zip(ask.vary, values, strict=True)))
-
-    def _check_joined(self, links: Sequence[set[str]], lone: set[str], faults: Faults) -> None:
-        """Notes parts that nothing joins to the others."""
-        if len(self.parts) < 2:
-            return
-        groups = [{name} for name in self.parts if name not in lone]
-        for link in links:
-            met = [group for group in groups if group & link]
-            if len(met) > 1:
-                groups = [group for group in groups if group not in met] + [set().union(*met)]
-        if len(groups) > 1 and not faults.found:
-            largest = max(groups, key=len)
-            for group in groups:
-                if group is not largest:
-                    for name in sorted(group):
-                        faults.add(("part", name), "it is joined to nothing: give a joint or a contact that names it, or take it "
-                                   "out")
-
-    def _check_end(self, end: str, meshes: Mapping[str, Any], port: bool) -> None:
-        """Refuses an end of a joint or contact that is not there."""
-        if end == GROUND:
-            return
-        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
-        if name not in self.parts:
-            every = self.table.get("part", {})
-            if name in every:
-                return  # it has faults of its own
-            raise unknown_name("part", name, every)
-        part = self.parts[name]
-        if type(part).KIND == "affine":
-            raise InputError(f"{name!r} is a pencil of matrices, which can be neither joined nor under a contact")
-        if port:
-            part.check_port(name, rest if mark == "." else end)
-            return
-        if mark == ":":
-            if not re.fullmatch(r"\s*\d+(\s*,\s*\d+)*\s*", rest):
-                raise InputError(f"{end!r} must list DOF behind the colon, counted from 0, as '{name}:0,4,5'")
-        elif mark and rest not in part.port_names and name in meshes:
-            part.end(rest, None if meshes[name] is None else meshes[name].sets)
-
-    @staticmethod
-    def _materials_of(part: Part) -> list[str]:
-        given = getattr(part, "material", [])
-        return [given] if isinstance(given, str) else list(given.values()) if isinstance(given, Mapping) else []
+        for joint in self.links:
+            ports |= (own := joint.ports().get(name, {}))
+            for at, words in enumerate(joint.surfaces if not own else ()):
+                end = End.of(words)
+                if end.part == name:
+                    facing = at == 1 and joint.facing
+                    interface += [facing_set(End.of(joint.surfaces[0]), end)] if facing else self.parts[name].needed(end)
+        return PartSite(name, self.folder, self.materials, list(dict.fromkeys(interface)), ports)
 
     # models and runs
 

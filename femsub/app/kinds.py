@@ -8,14 +8,19 @@ from packages by an entry point of the group `femsub.kinds`.
 from __future__ import annotations
 
 import pkgutil
+import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar
 
-from femsub.errors import InputError, unknown_name
+from femsub.checks import resolved
+from femsub.errors import FemsubError, InputError, unknown_name
 
 FAMILIES = ("part", "joint", "contact", "ask")
 
@@ -83,3 +88,33 @@ class Kinds:
         if strange is None:
             raise InputError(f"it is empty. Name its kind: {', '.join(names)}")
         raise unknown_name(f"kind of {family}: none of its keys names one, as", strange, names)
+
+
+def is_beside(path: Path, folder: Path, trusted: Sequence[str]) -> bool:
+    """Whether a Python file lies in a folder itself, or is one that the user has allowed."""
+    with suppress(ValueError):
+        whole = resolved(path)
+        return whole.parent == resolved(folder) or whole in map(resolved, trusted)
+    return False
+
+
+def kinds_file(path: Path) -> ModuleType:
+    """A Python file with kinds, which is run.
+
+    Raises
+    ------
+    InputError
+        There is none, or it fails.
+    """
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    spec = spec_from_file_location(f"femsub_kinds_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look for their module there
+    try:
+        spec.loader.exec_module(module)
+    except FemsubError:
+        raise
+    except Exception as error:
+        raise InputError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+    return module

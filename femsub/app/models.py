@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.joints import GROUND, facing_set
+from femsub.app.ends import GROUND, End, facing_set
 from femsub.app.methods import FULL
 from femsub.checks import Array
 from femsub.components import node_rows
@@ -26,6 +25,7 @@ from femsub.studies import in_words, key_of, reduced_by, with_value
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
+    from femsub.app.joints import JointKind
 
 RIGID = len(MOTIONS)  # rigid motions that a part has at most
 BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
@@ -76,7 +76,7 @@ class Models:
     def _key(self) -> str:
         """All that the full model depends on."""
         scene = self.scene
-        surfaces = [(name, one.surfaces, getattr(one, "facing", None)) for name, one in scene.contacts.items()]
+        surfaces = [(name, one.surfaces, one.facing) for name, one in scene.contacts.items()]
         return repr((scene.parts, scene.joints, scene.materials, surfaces, str(scene.folder)))
 
     # the full model
@@ -105,7 +105,7 @@ class Models:
             return next(iter(parts.values())), meshes, pieces, seconds
         for name, joint in scene.joints.items():
             with scene.faults.at(scene.place("joint", name)):
-                ends = [self._end(end, at, joint, parts) for at, end in enumerate(joint.ends)]
+                ends = [self._end(end, at, joint, parts) for at, end in enumerate(joint.surfaces)]
                 joints += joint.made(ends, meshes)
         surfaces = []
         for name, contact in scene.contacts.items():
@@ -115,25 +115,21 @@ class Models:
         scene.faults.check()
         return fs.couple(parts, [*joints, *surfaces], scene.name), meshes, pieces, time.perf_counter() - start
 
-    def _end(self, end: str, at: int, joint: Any, parts: Mapping[str, Any]) -> Any:
+    def _end(self, words: str, at: int, joint: JointKind, parts: Mapping[str, Any]) -> Any:
         """'ground', or (part, set), (part, DOF): what `couple` takes."""
-        if end == GROUND:
+        if words == GROUND:
             return GROUND
-        name, mark, rest = re.fullmatch(r"([^.:]*)([.:]?)(.*)", end, re.DOTALL).groups()  # type: ignore[union-attr]
-        if name not in parts:
-            raise InputError(f"{name!r} is cut into pieces, which are joined to each other alone")
-        if mark == ":":
-            return name, [int(number) for number in rest.split(",")]
-        if mark:
-            if at == 1 and getattr(joint, "facing", False):
-                return name, facing_set(self.scene.split(joint.ends[0]), (name, rest))
-            found = rest if rest in parts[name].ports else self.scene.parts[name].end(rest, None)
-            return name, f"m{found}" if type(self.scene.parts[name]).KIND == "chain" and isinstance(found, int) else \
-                f"{found:g}" if isinstance(found, float) else found
-        if not len(parts[name].interface):
-            raise InputError(f"{name!r} has no interface: give it one, or name here where it is joined")
-        whole = [one for one, rows in parts[name].sets.items() if len(rows) == len(parts[name].interface_numbers)]
-        return name, whole[0] if whole else parts[name].interface.tolist()  # a set is matched by place, a list in its order
+        end = End.of(words)
+        if (part := parts.get(end.part)) is None:
+            raise InputError(f"{end.part!r} is cut into pieces, which are joined to each other alone")
+        if end.mark == ":":
+            return end.part, end.dofs
+        if end.mark and at == 1 and joint.facing:
+            return end.part, facing_set(End.of(joint.surfaces[0]), end)
+        if end.mark:
+            return end.part, end.rest if end.rest in part.ports else self.scene.parts[end.part].set_of(end.rest)
+        whole = [one for one, rows in part.sets.items() if len(rows) == len(part.interface_numbers)]
+        return end.part, whole[0] if whole else part.interface.tolist()  # a set is matched by place, a list in its order
 
     @property
     def full(self) -> Any:
@@ -176,9 +172,9 @@ class Models:
 
     def _contact(self, contact: Any, values: Mapping[str, float], meshes: Mapping[str, fs.Mesh]) -> Any:
         surfaces = list(contact.surfaces)
-        if getattr(contact, "facing", False):
-            first, second = map(self.scene.split, surfaces)
-            surfaces[1] = f"{second[0]}.{facing_set(first, second)}"
+        if contact.facing:
+            first, second = map(End.of, surfaces)
+            surfaces[1] = f"{second.part}.{facing_set(first, second)}"
         return contact.made(self.port, meshes, surfaces)
 
     @cached_property
@@ -457,8 +453,8 @@ class Models:
         found: dict[str, list[Array]] = {"contact": [], "interface": []}
         for one in self.scene.contacts.values():
             if one.surfaces:
-                first, second = map(self.scene.split, one.surfaces)
-                name, surface = (second[0], facing_set(first, second)) if getattr(one, "facing", False) else first
+                first, second = map(End.of, one.surfaces)
+                name, surface = (second.part, facing_set(first, second)) if one.facing else (first.part, first.rest)
                 found["contact"].append(starts[name] + self.meshes[name].sets[surface])
         if self.alone and self.full.dofs is not None:
             mesh, dofs = next(iter(self.meshes.values())), self.full.dofs

@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.kinds import Kind
+from femsub.app.ends import Link
 
 if TYPE_CHECKING:
     from femsub import Mesh
 
 
 @dataclass(frozen=True)
-class ContactKind(Kind):
+class ContactKind(Link):
     """What all kinds of contacts have: places, surfaces that they join, and the contact of the models."""
 
     FAMILY: ClassVar[str] = "contact"
@@ -21,11 +21,6 @@ class ContactKind(Kind):
     @property
     def places(self) -> list[str]:
         """Ports 'part.port' that it acts on."""
-        return []
-
-    @property
-    def surfaces(self) -> list[str]:
-        """Sets 'part.set', or 'ground', that it acts between."""
         return []
 
     def parameters(self) -> list[str]:

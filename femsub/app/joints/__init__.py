@@ -6,18 +6,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from femsub.app.ends import Link
 from femsub.app.keys import key
-from femsub.app.kinds import Kind
 
 if TYPE_CHECKING:
     from femsub import Mesh
 
-GROUND = "ground"
 ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'"
 
 
 @dataclass(frozen=True)
-class JointKind(Kind):
+class JointKind(Link):
     """What all kinds of joints have."""
 
     tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
@@ -26,8 +25,7 @@ class JointKind(Kind):
     FAMILY: ClassVar[str] = "joint"
 
     @property
-    def ends(self) -> list[str]:
-        """The ends, as the first field has them."""
+    def surfaces(self) -> list[str]:
         found = getattr(self, self.KIND.replace("-", "_"))
         return [found] if isinstance(found, str) else list(found)
 
@@ -36,15 +34,6 @@ class JointKind(Kind):
         """The tolerance, if one is given."""
         return self.tolerance or None
 
-    def ports(self) -> Mapping[str, Mapping[str, Any]]:
-        """Ports that parts need for it, by parts."""
-        return {}
-
     def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
         """The joints between the ends, as `couple` takes them."""
         raise NotImplementedError
-
-
-def facing_set(first: tuple[str, str], second: tuple[str, str]) -> str:
-    """The name of the set of what lies opposite a surface."""
-    return f"{second[1]}-facing-{first[0]}"

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.joints import GROUND, JointKind
+from femsub.app.ends import GROUND
+from femsub.app.joints import JointKind
 from femsub.app.keys import key
 from femsub.errors import InputError
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import femsub as fs
+from femsub.app.ends import End
 from femsub.app.keys import key
 from femsub.app.kinds import Kind
-from femsub.errors import InputError, unknown_name
+from femsub.errors import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub import Material, Mesh, Substructure
@@ -85,6 +87,20 @@ class Part(Kind):
         """Its ports."""
         return list(self.ports)
 
+    @property
+    def materials(self) -> list[str]:
+        """The names of its materials."""
+        given = getattr(self, "material", [])
+        return [given] if isinstance(given, str) else list(given.values()) if isinstance(given, Mapping) else []
+
+    def needed(self, end: End) -> list[Any]:
+        """What an end of a joint or contact needs of the interface: a set, or DOF."""
+        if end.mark != "." or end.rest in self.port_names:
+            return []
+        with suppress(FemsubError):
+            return [self.end(end.rest, None)]
+        return []
+
     def sets_named(self) -> Iterable[tuple[str, str]]:
         """The keys that name sets of the mesh, each with the set."""
         return ()
@@ -115,6 +131,11 @@ class Part(Kind):
         if sets is not None and words not in sets:
             raise unknown_name("set", words, sets)
         return words
+
+    def set_of(self, words: str) -> Any:
+        """The name that an end 'part.words' has among the sets of the substructure."""
+        found = self.end(words, None)
+        return f"{found:g}" if isinstance(found, float) else found
 
     def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
         """Displacements of the mesh's nodes, (nodes, 3, k), of motions u (n, k); None where they are not known."""

@@ -71,5 +71,8 @@ class ChainPart(Part):
             raise InputError(f"{words!r} is no mass: name one from m1 to m{self.chain}")
         return int(words[1:])
 
+    def set_of(self, words: str) -> Any:
+        return words
+
     def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
         return np.asarray(u[:, None] * np.array([1.0, 0.0, 0.0])[:, None])  # the chain lies along x, and its masses move so

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
+from femsub.app.ends import End
 from femsub.app.keys import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 from femsub.errors import unknown_name
@@ -52,6 +53,9 @@ class MatricesPart(Part):
         if len(sub.interface) and not sub.sets:
             sub = fs.Substructure(sub.M, sub.K, sub.D, {ALL: sub.interface}, sub.ports, site.name, sub.dofs, H=sub.H)
         return self.one(site, fs.damped(sub, rayleigh=rates(self.rayleigh)) if self.rayleigh else sub)
+
+    def needed(self, end: End) -> list[Any]:
+        return list(end.dofs)
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         raise unknown_name("set of a part from matrices; name it alone, or its DOF as 'part:0,4'. Found", words, [])

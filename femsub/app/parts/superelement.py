@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
+from femsub.app.ends import End
 from femsub.app.keys import key
 from femsub.app.parts import Made, Part, PartSite, from_file
 from femsub.app.parts.matrices import DOF
@@ -36,6 +37,9 @@ class SuperelementPart(Part):
         given: dict[str, Any] = {"interface": self.interface, "ports": self.ports, "cutoff": self.cutoff}
         return self.one(site, fs.read_component(path.parent if path.name == MODEL else path, name=site.name, **{
             name: value for name, value in given.items() if value}))
+
+    def needed(self, end: End) -> list[Any]:
+        return []  # its boundary is what it is
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         return words
