@@ -399,6 +399,15 @@ def test_a_band_may_be_given_in_hertz_and_comes_back_as_given() -> None:
             Scene({"scene": "plate", **table})
 
 
+def test_methods_have_labels_whatever_they_are() -> None:
+    """A list of steps ended in a TypeError, and with it the scene `brake`."""
+    given = ["HCB", ["craig-chang", "contact-modes"], {"disc": "rubin"}, "box", [{"disc": "guyan"}, "box"]]
+    assert Scene({"scene": "brake", "reduce": {"methods": given}}).reduce.labels == (
+        "Craig-Bampton and Craig-Chang, then contact-modes and one for each part and box and one for each part, then box")
+    assert all(Scene.from_file(name).reduce.labels or not Scene.from_file(name).reduce.methods for name in SCENES if name not in (
+        "matrices", "own-parts", "superelements"))
+
+
 def test_without_shtab_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setitem(sys.modules, "shtab", None)
     assert main(["completion", "bash"]) == 1

@@ -66,8 +66,14 @@ class ReduceKeys:
     @property
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
-        return " and ".join(reduction.METHODS[one].label if one in reduction.METHODS else str(one) if isinstance(one, str) else
-                            ", then ".join(map(str, one)) if isinstance(one, list) else "one for each part" for one in self.methods)
+        def label(one: Any) -> str:
+            if isinstance(one, list):
+                return ", then ".join(map(label, one))
+            if isinstance(one, Mapping):
+                return "one for each part"
+            return reduction.METHODS[one].label if one in reduction.METHODS else str(one)
+
+        return " and ".join(map(label, self.methods))
 
     def parts_named(self) -> Iterable[str]:
         """The parts that tables of methods name."""
