@@ -69,7 +69,8 @@ def wrong_texts() -> list[str]:
 #: the order within a pair, NaN and Inf, numbers that rounding spoils, and what only the computation finds.
 UNSEEN = (
     "vary =", "belt = 11", "interface = [1, 1]", "sizes = [12]", "sizes = [1]", "modes = 3\n", '"M.mtx"', "chian.",
-    "chain.bolt", "band = [1.0, 0.5]", "nan", "inf", "1e308", "1e200", "1e-300", "1e-320", "100000", "ask = []", "/dev/zero", "craig-bampten")
+    "chain.bolt", "band = [1.0, 0.5]", "nan", "inf", "1e308", "1e200", "1e-300", "1e-320", "100000", "ask = []",
+    "/dev/zero", "craig-bampten")
 
 
 def test_the_schema_leaves_kinds_of_ones_own_alone(validator: Any) -> None:

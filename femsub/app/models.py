@@ -47,7 +47,7 @@ class Known:
 
     def expand(self, q: Array) -> Array:
         """Motions of the full model, (n, k), of those of this one."""
-        after = [*self.before[1:], self.model]
+        after = [*self.before[1:], self.model] if self.before else []
         for above, here in zip(reversed(self.before), reversed(after), strict=True):
             q = above.collected(here.expand(q)) if isinstance(here, fs.System) else here.expand(q)
         return q
