@@ -79,6 +79,8 @@ class Settings:
     band: list[float] = key([], "the frequencies that matter, in which models are compared", unit="rad/time", least=0,
                             form="[lo, hi]", otherwise="from 0 to 2 % above the elastic modes that `elastic` says",
                             example=[0.0, 1e4])
+    interface: list[str] = key([], "where joined parts are joined to others: 'part.set', 'part' or 'part:0,4'",
+                               otherwise="what is not joined", example=["disc.front"])
     elastic: int = key(8, "elastic modes that the default of band holds", least=1, most=1000)
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     page: bool = key(False, "whether the results are also one page to read, report.html in the folder given by --out")

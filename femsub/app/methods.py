@@ -66,13 +66,14 @@ class ReduceKeys:
     @property
     def labels(self) -> str:
         """The methods' names in texts: 'Craig-Bampton and Craig-Chang'."""
-        def said(one: Any) -> str:
+        def label(one: Any) -> str:
             if isinstance(one, list):
-                return ", then ".join(map(said, one))
-            return (reduction.METHODS[one].label if one in reduction.METHODS else one) if isinstance(one,
-                                                                                                     str) else "one for each part"
+                return ", then ".join(map(label, one))
+            if isinstance(one, Mapping):
+                return "one for each part"
+            return reduction.METHODS[one].label if one in reduction.METHODS else str(one)
 
-        return " and ".join(map(said, self.methods))
+        return " and ".join(map(label, self.methods))
 
     def parts_named(self) -> Iterable[str]:
         """The parts that tables of methods name."""

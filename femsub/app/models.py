@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import femsub as fs
-from femsub.app.ends import GROUND, End, facing_set
+from femsub.app.ends import GROUND, End, Link, facing_set
 from femsub.app.methods import FULL
 from femsub.checks import Array
 from femsub.components import node_rows
@@ -25,7 +25,6 @@ from femsub.studies import in_words, key_of, reduced_by, with_value
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
-    from femsub.app.joints import JointKind
 
 RIGID = len(MOTIONS)  # rigid motions that a part has at most
 BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
@@ -113,9 +112,14 @@ class Models:
                 with scene.faults.at(scene.place("contact", name)):
                     surfaces.append(self._contact(contact, {}, meshes))
         scene.faults.check()
-        return fs.couple(parts, [*joints, *surfaces], scene.name), meshes, pieces, time.perf_counter() - start
+        with scene.faults.at(("interface",)):
+            open_ends = [self._end(end, 0, Link(), parts) for end in scene.settings.interface]
+            system = fs.couple(parts, [*joints, *surfaces], scene.name, interface=open_ends or None)
+            return system, meshes, pieces, time.perf_counter() - start
+        scene.faults.check()
+        raise AssertionError
 
-    def _end(self, words: str, at: int, joint: JointKind, parts: Mapping[str, Any]) -> Any:
+    def _end(self, words: str, at: int, joint: Link, parts: Mapping[str, Any]) -> Any:
         """'ground', or (part, set), (part, DOF): what `couple` takes."""
         if words == GROUND:
             return GROUND
@@ -320,6 +324,8 @@ class Models:
                 warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
                 for step in steps:
                     before.append(model)
+                    if isinstance(step, fs.ContactModes):
+                        step = within_room(step, model)
                     if isinstance(step, fs.ParameterBox):
                         family, contacts = self.over(self.exact, list(step.ranges))
                         model = fs.reduce(family, step, contacts=contacts)
@@ -464,6 +470,11 @@ class Models:
                 nodes = np.unique(dofs.nodes[rows])
                 found[key].append(node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
         return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}
+
+
+def within_room(step: fs.ContactModes, model: Any) -> fs.ContactModes:
+    """Contact modes of a model that has been reduced before: at most as many as it has room for."""
+    return replace(step, modes=min(step.modes or 0, model.size - 1))
 
 
 def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = None) -> fs.Mesh:
