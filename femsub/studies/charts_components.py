@@ -66,7 +66,8 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
     words = {"DOF": "size", f"critical {said}": "value", "relative error": "error", "ω [rad/time]": "omega",
              "static port error": "port_error", "why": "reason"}
     axis, panels = "DOF of the reduced model  [-]" if x == "size" else f"{x}  [-]", list[Panel]()
-    for key, label, drawn in (("value", f"critical {said}", finite), ("error", ERROR, floored)):
+    unit = "time/length" if said == "dμ/dv" else "-"
+    for key, label, drawn in (("value", f"critical {said}  [{unit}]", finite), ("error", ERROR, floored)):
         for place, mine in places.items():
             errors, levels = key == "error", list[Level]()
             series = [Series(name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"], "solid",
