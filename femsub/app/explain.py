@@ -165,7 +165,7 @@ def schema() -> dict[str, Any]:
 
     Without kinds of one's own, `use`, a table has no other keys than those of femsub's kinds.
     """
-    known, strict = Kinds(), dict[str, Any]()
+    known, strict, whole = Kinds(), dict[str, Any](), dict[str, Any]()
     properties: dict[str, Any] = {"scene": {"enum": list(built_in()),
                                             "description": "a built-in scene that this one begins with"}}
     properties |= _table(Settings)["properties"]
@@ -185,6 +185,9 @@ def schema() -> dict[str, Any]:
                 values.setdefault(key, []).extend([value] * (value not in values.get(key, [])))
         one_at_least = {"properties": {key: _any(ways) for key, ways in values.items()}, "propertyNames": {"enum": list(values)}}
         strict[family] = {"additionalProperties": one_at_least, "items": one_at_least}
+        needed = [{"if": {"required": [name]}, "then": {"required": made.pop("required", [])}} for name, made in zip(
+            names, shapes, strict=True) if family != "ask"]  # of a scene that begins with another one they may stand there
+        whole[family] = {"additionalProperties": {"allOf": needed}, "items": {"allOf": needed}} if needed else {}
         one_of = {"type": "object", "properties": every, "allOf": [
             {"if": {"required": [name]}, "then": made} for name, made in zip(names, shapes, strict=True)]}
         tables: dict[str, Any] = {"type": "object", "additionalProperties": one_of}
@@ -192,6 +195,7 @@ def schema() -> dict[str, Any]:
         properties[family] = tables if family == "part" else listed if family == "ask" else {"anyOf": [tables, listed]}
     return {"$schema": DIALECT, "title": "femsub scene file", "type": "object", "minProperties": 1, "properties": properties,
             "additionalProperties": False, "if": {"required": ["use"]}, "else": {"properties": strict},
+            "anyOf": [{"required": ["scene"]}, {"properties": whole}],
             "description": "What there is, and what is asked. `femsub keys` explains the tables and their keys."}
 
 

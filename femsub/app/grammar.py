@@ -39,9 +39,7 @@ from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
 from femsub.checks import word
-from femsub.coupling import opposite
 from femsub.errors import InputError, unknown_name
-from femsub.io import texts_read
 
 if TYPE_CHECKING:
     from femsub import Mesh
@@ -321,6 +319,8 @@ class Scene:
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
         """The meshes of all parts that have one, with the sets of what lies opposite a surface."""
+        from femsub.coupling import opposite  # with NumPy, which a wrong file should not wait for
+
         found = {name: mesh for name in self.parts if (mesh := self.mesh(name)) is not None}
         for joint in self.links:
             if joint.facing:
@@ -336,6 +336,8 @@ class Scene:
         part = self.parts[name]
         place = ("mesh", name, repr(part), str(self.folder))
         if place not in self.store:
+            from femsub.io import texts_read
+
             with texts_read() as texts:
                 self.store[place] = part.mesh(self.site(name))
             self.texts += texts

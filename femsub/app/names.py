@@ -69,7 +69,8 @@ def lone(scene: Scene, links: Sequence[set[str]]) -> list[str]:
     groups = [{name} for name in scene.parts if name not in named]
     for link in links:
         met = [group for group in groups if group & link]
-        groups = [group for group in groups if group not in met] + ([set().union(*met)] if met else [])
+        if len(met) > 1:
+            groups = [group for group in groups if group not in met] + [set().union(*met)]
     largest: set[str] = max(groups, key=len, default=set())
     return [name for name in scene.parts if name not in named | largest]
 

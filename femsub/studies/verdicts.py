@@ -14,8 +14,8 @@ from femsub.studies.tables import label, span
 #: what no run can decide, for every scene that compares models
 NEVER = ("All errors are relative to the full model. The run does not show how well its mesh, its materials and its friction law "
          "describe the real part.")
-LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: see the "
-          "scenes of limit cycles and those in time.")
+LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: ask for "
+          "motion or cycles.")
 #: answers, as a reader meets them
 ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
 OUTSIDE = "Frequencies outside the band were not compared."
