@@ -118,7 +118,7 @@ def test_the_schema_rejects_the_wrong_scenes_of_the_tests(validator: Any) -> Non
         except (ValueError, RecursionError):  # also of a number with too many digits
             continue
         (taken if validator.is_valid(table) else rejected).append(text)
-    assert len(rejected) > 30
+    assert len(rejected) >= 30
     assert not [text for text in taken if not any(unseen in text for unseen in UNSEEN)]
 
 
