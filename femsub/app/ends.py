@@ -29,7 +29,7 @@ class End(NamedTuple):
         return [int(one) for one in self.rest.split(",") if one.strip().isdecimal()] if self.mark == ":" else []
 
 
-class Link(Kind):
+class LinkKind(Kind):
     """A joint or a contact: it acts between ends, of which the first two may be surfaces."""
 
     facing: bool = False  #: whether the second surface takes part where it lies opposite the first alone

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Self
 from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
-from femsub.app.ends import GROUND, End, Link, facing_set
+from femsub.app.ends import GROUND, End, LinkKind, facing_set
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
 from femsub.app.joints import JointKind
@@ -312,7 +312,7 @@ class Scene:
     # meshes, and what joints and contacts need of parts
 
     @property
-    def links(self) -> list[Link]:
+    def links(self) -> list[LinkKind]:
         """All joints and contacts."""
         return [*self.joints.values(), *self.contacts.values()]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.ends import GROUND, End, Link, facing_set
+from femsub.app.ends import GROUND, End, LinkKind, facing_set
 from femsub.app.methods import FULL
 from femsub.checks import Array
 from femsub.components import node_rows
@@ -113,13 +113,13 @@ class Models:
                     surfaces.append(self._contact(contact, {}, meshes))
         scene.faults.check()
         with scene.faults.at(("interface",)):
-            open_ends = [self._end(end, 0, Link(), parts) for end in scene.settings.interface]
+            open_ends = [self._end(end, 0, LinkKind(), parts) for end in scene.settings.interface]
             system = fs.couple(parts, [*joints, *surfaces], scene.name, interface=open_ends or None)
             return system, meshes, pieces, time.perf_counter() - start
         scene.faults.check()
         raise AssertionError
 
-    def _end(self, words: str, at: int, joint: Link, parts: Mapping[str, Any]) -> Any:
+    def _end(self, words: str, at: int, joint: LinkKind, parts: Mapping[str, Any]) -> Any:
         """'ground', or (part, set), (part, DOF): what `couple` takes."""
         if words == GROUND:
             return GROUND

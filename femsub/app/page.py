@@ -20,10 +20,10 @@ from femsub.app.explain import toml_lines
 from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.report import output_folder, put
+from femsub.app.result import label, studies
 from femsub.app.units import Units
 from femsub.checks import Array, package, unlike
 from femsub.errors import FemsubError, InputError, warn
-from femsub.studies import ANSWERS, label
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -105,7 +105,7 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
     yield f"<header><h1>{escape(str(data['scene']))}</h1><p>{escape(f'Run by {by}')}</p></header>"
     found = data["verdict"]
     yield f'<section id="verdict" class="{found["answer"].replace(" ", "-")}"><h2>{escape(found["question"])}</h2>'
-    yield f'<p class="answer"><strong>{ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
+    yield f'<p class="answer"><strong>{studies.ANSWERS[found["answer"]]}.</strong> {escape(found["headline"])}</p>'
     yield from (f"<p><strong>Condition:</strong> {escape(line)}</p>" for line in found["condition"])
     for title, lines in (("What decides it", found["decides"]), ("What is not checked", found["unchecked"])):
         if lines:

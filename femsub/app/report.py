@@ -19,12 +19,11 @@ import numpy as np
 
 import femsub
 from femsub.algebra import completed, processors
-from femsub.app.result import Result
+from femsub.app.result import Remark, Result, studies
 from femsub.app.units import UNKNOWN, Units
 from femsub.checks import csv_cell, hash_of, is_there, resolved
 from femsub.errors import InputError, printable
 from femsub.io import HASHES, OURS, Writer, hashed, held, summed, write_whole
-from femsub.studies import Remark, answer
 
 
 @contextmanager
@@ -123,7 +122,7 @@ def results(result: Result, units: Units = UNKNOWN) -> dict[str, Any]:
         undone.append("The run was interrupted. What came after is missing.")
     charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
     return {**units.with_hertz(result.data), "tables": tables, "charts": [one for one in charts if one["places"]],
-            "verdict": answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}
+            "verdict": studies.answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}
 
 
 def _place(data: Mapping[str, Any], rows: Any) -> list[str]:

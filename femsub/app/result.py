@@ -1,4 +1,7 @@
-"""What a scene has computed: sentences, tables, charts, pictures and files, in the order in which they are shown."""
+"""What a scene has computed: sentences, tables, charts, pictures and files, in the order in which they are shown.
+
+Kinds take their words from here: `Table`, `column`, `Remark`, and `studies` with the charts.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,22 @@ from functools import partial
 from html import escape
 from typing import Any, NamedTuple, TypeAlias
 
-from femsub import studies
+from femsub import studies as studies
 from femsub.app.units import UNKNOWN, Units
 from femsub.io import Writer
+from femsub.studies import (
+    NEVER as NEVER,
+    Advice as Advice,
+    Chart as Chart,
+    Remark as Remark,
+    Table as Table,
+    Verdict as Verdict,
+    column as column,
+    label as label,
+    named as named,
+    sentence as sentence,
+    span as span,
+)
 
 Progress = Callable[[str], None]
 

@@ -12,15 +12,14 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Remark, Result, Table, column
 from femsub.errors import InputError
-from femsub.studies import Remark, Table, column
 
 if TYPE_CHECKING:
     from femsub import Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Remark, Result, Table, column
 
 MODEL = "model.json"  # of a folder of write_matrices
 EXAMPLE, PARTS = "example", "parts"

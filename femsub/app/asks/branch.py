@@ -13,16 +13,14 @@ import femsub as fs
 from femsub.app.asks.cycles import CyclesAsk, small
 from femsub.app.asks.motion import whole
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, label, studies
 from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
-from femsub.motion import PARAMETERS, of_signal, sliding, with_parameter
-from femsub.studies import Table, bifurcation_chart, column, label
 
 if TYPE_CHECKING:
     from femsub import Belt, Branch, Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column, label, studies
     from femsub.checks import Array
 
 
@@ -30,7 +28,8 @@ if TYPE_CHECKING:
 class BranchAsk(CyclesAsk):
     """Families of limit cycles over a parameter of the belt: Hopf points, stability, folds and other special points."""
 
-    branch: str = key("slope", "what varies along the branches", choices=lambda _: PARAMETERS, required=True, example="slope")
+    branch: str = key("slope", "what varies along the branches", choices=lambda _: fs.motion.PARAMETERS, required=True,
+                      example="slope")
     between: list[float] = key([], "the parameter's range", form="[lo, hi]", otherwise="from the Hopf point of the first mode to "
                                "the scene's own value and a quarter beyond", example=[-0.06, -0.01])
     families: int = key(4, "modes, in the order in which they become unstable, whose cycles are followed", least=1)
@@ -51,8 +50,8 @@ class BranchAsk(CyclesAsk):
         super().check(scene)
         if len([one for one in scene.contacts.values() if type(one).KIND == "belt"]) != 1:
             raise InputError("branch follows cycles over a parameter of one belt, but the scene has several")
-        if self.branch not in PARAMETERS:
-            raise unknown_name("parameter of a belt", self.branch, PARAMETERS)
+        if self.branch not in fs.motion.PARAMETERS:
+            raise unknown_name("parameter of a belt", self.branch, fs.motion.PARAMETERS)
 
     def run(self, models: Models) -> Result:
         families, first = self.onsets(models)
@@ -130,7 +129,7 @@ class BranchAsk(CyclesAsk):
               f"{gap[self.branch]:.5g}: {gap['why']}" for item in whole for gap in item["missed"]),
             *["Special points"] * bool(special), *special,
             Table("branch", rows, title="Branches, point by point"), Table("branch-transients", dots, title="Transients"),
-            bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
+            studies.bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
 
     def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Branch]) -> tuple[Branch,
                                                                                                          list[dict[str, Any]]]:
@@ -151,7 +150,7 @@ class BranchAsk(CyclesAsk):
             models.say(f"full model, {parameter} = {value:.5g}")
             begin = fs.LimitCycle(points[-1].contact, cycle.orbit, points[-1].flexibility, 0.0, 0.0, 0.0) if points else cycle
             try:
-                points.append(fs.harmonic_balance(model, with_parameter(belt, parameter, value), start=begin, tol=1e-3))
+                points.append(fs.harmonic_balance(model, fs.motion.with_parameter(belt, parameter, value), start=begin, tol=1e-3))
                 values.append(value)
             except NotConvergedError as error:
                 missed.append({parameter: value, "why": str(error)})
@@ -171,7 +170,7 @@ class BranchAsk(CyclesAsk):
         end = self.periods * 2 * np.pi / slowest
         for value in np.linspace(limits[0], limits[1], self.dots + 2)[1:-1].tolist():
             models.say(f"transient of {label(name)}, {self.branch} = {value:.5g}")
-            acting = with_parameter(belt, self.branch, value)
+            acting = fs.motion.with_parameter(belt, self.branch, value)
             if self.dots_from == "cycle":
                 near = [cycle for one in traced for cycle in one.at(value) if cycle.is_stable]
                 if not near:
@@ -180,7 +179,7 @@ class BranchAsk(CyclesAsk):
                 start = fs.State(state.displacement, 1.05 * state.velocity)
             else:
                 # so hard a blow that the contact moves at the belt's speed, which is beyond the threshold of a hard onset
-                contact = sliding(model, acting)
+                contact = fs.motion.sliding(model, acting)
                 blow = contact.impulse(1.0)
                 start = fs.State(blow.displacement, blow.velocity * abs(
                     float(belt.speed or 0.0) / float(contact.W[:, 0] @ blow.velocity)))
@@ -188,7 +187,7 @@ class BranchAsk(CyclesAsk):
             v: Array = done.velocity(belt.port)
             v = v[:, 0] if v.ndim > 1 else v
             if self.dots_from == "cycle":
-                omega = 2 * np.pi / repeats(done.t, v, 2 * np.pi / of_signal(done.t, v, 1).omega)
+                omega = 2 * np.pi / repeats(done.t, v, 2 * np.pi / fs.motion.of_signal(done.t, v, 1).omega)
             else:
                 omega = float(next(iter(fs.spectrum(done.t, v).peaks), np.nan))
             found.append({"model": name, "value": value, "rms": float(np.std(v)), "omega": omega})

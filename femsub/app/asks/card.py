@@ -9,13 +9,12 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.asks.complex_modes import least_stable
 from femsub.app.keys import key
-from femsub.app.result import Result
-from femsub.studies import Remark
+from femsub.app.result import Remark, Result
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Remark, Result
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub import studies
 from femsub.app.asks import Ask, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.models import Known
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, studies
 from femsub.checks import NOT_CHECKED
-from femsub.modes import NEAR, match
-from femsub.reduction import PORT_LIMIT
-from femsub.studies import Table, column, elastic
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
-    from femsub.studies import Study
+    from femsub.app.result import Result, Table, column, studies
 
 
 ERRORS = ("growth", "critical", "held", "response")
@@ -87,7 +82,7 @@ class CompareAsk(Ask):
                 "tolerance": models.scene.reduce.tolerance, "values": list(made[0][1].values)}
         return Result({"compare": data}, shown)
 
-    def study(self, models: Models) -> Study:
+    def study(self, models: Models) -> fs.Study:
         """The comparison of one full model with those reduced from it; what it has solved is there for other asks."""
         keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
         made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
@@ -115,7 +110,7 @@ class CompareAsk(Ask):
             models.scene.store.setdefault(place_of if spectrum.evidence != NOT_CHECKED else ("uncounted", *place_of), spectrum)
         return found
 
-    def charts(self, models: Models, made: list[tuple[str, Study]]) -> list[Any]:
+    def charts(self, models: Models, made: list[tuple[str, fs.Study]]) -> list[Any]:
         """The errors over the seconds."""
         title = models.scene.name
         if made[0][1].between is not None:
@@ -125,20 +120,21 @@ class CompareAsk(Ask):
         return [studies.errors_chart(found, f"{title} {words}".strip(), "compare" + f"-{words.replace(' ', '-')}" * bool(words))
                 for words, found in made]
 
-    def beside(self, models: Models, found: Study) -> tuple[list[Any], list[dict[str, Any]]]:
+    def beside(self, models: Models, found: fs.Study) -> tuple[list[Any], list[dict[str, Any]]]:
         """The full model's natural frequencies in the band, and those of the recommended model."""
-        own, best = elastic(fs.normal_modes(models.full, band=found.band)), found.recommended(models.scene.reduce.tolerance)
+        own, best = studies.elastic(fs.normal_modes(models.full,
+                                                    band=found.band)), found.recommended(models.scene.reduce.tolerance)
         rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
         of, columns = "", ["mode", "omega"]
         if best is not None:
             of, columns = f", and of {best.label} with {best.size} DOF", [*columns, "reduced", "error"]
             theirs = studies.all_frequencies(found.models[found.rows.index(best)])
-            for at, to in zip(*match(own, theirs), strict=True):
-                if abs(theirs[to] - own[at]) <= NEAR * own[at]:
+            for at, to in zip(*fs.modes.match(own, theirs), strict=True):
+                if abs(theirs[to] - own[at]) <= fs.modes.NEAR * own[at]:
                     rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
         notes: list[Any] = []
         worst = max(found.rows, key=lambda row: row.port_error, default=None)
-        if worst is not None and worst.port_error > PORT_LIMIT:
+        if worst is not None and worst.port_error > fs.reduction.PORT_LIMIT:
             notes.append(f"the static response to the contact is off by up to {100 * worst.port_error:.2g} % ({worst.label} with "
                          f"{worst.size} DOF). Set ports = true, or put the contact into the interface")
         if not rows:

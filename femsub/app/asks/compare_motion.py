@@ -10,15 +10,12 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks.motion import MotionAsk, whole
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, label, studies
 from femsub.checks import Interruptible
-from femsub.modes import relative_error
-from femsub.motion import project
-from femsub.studies import Table, column, label, period_chart
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,8 @@ class CompareMotionAsk(MotionAsk):
             whole(long)
             for one in models.every:
                 full = one is models.exact
-                start = fs.State(*state) if full else fs.State(*(project(one.model, models.full.M, part) for part in state))
+                start = fs.State(*state) if full else fs.State(*(fs.motion.project(one.model, models.full.M, part) for part
+                                                                 in state))
                 name = f"{label(one.kind)} with {one.model.size} DOF"
                 runs = [whole(fs.transient(one.model, models.contacts, (0.0, self.compare_motion * period), start=start,
                                            step=period / self.points, tol=self.full_tol if full else self.tol,
@@ -64,7 +62,7 @@ class CompareMotionAsk(MotionAsk):
                 amplitude = float(v[len(v) // 2:].std())
                 exact = amplitude if full else exact
                 seconds = float(np.median([item.effort.seconds for item in runs])) / self.compare_motion
-                rows.append({**one.head, "rms": amplitude, "amplitude_error": relative_error(amplitude, exact),
+                rows.append({**one.head, "rms": amplitude, "amplitude_error": fs.modes.relative_error(amplitude, exact),
                              "seconds_per_period": seconds, "speedup": rows[0]["seconds_per_period"] / seconds if rows else 1.0,
                              "steps": runs[0].effort.steps, "energy_residual": runs[0].energy.residual,
                              "method": runs[0].effort.method})
@@ -75,4 +73,4 @@ class CompareMotionAsk(MotionAsk):
             f"Full and reduced models from one physical state over {self.compare_motion:g} periods (amplitudes over the second "
             "half)",
             Table("compare-motion", rows, columns, "Error against run time in motion"),
-            *([period_chart(rows)] if len(rows) > 1 else [])])
+            *([studies.period_chart(rows)] if len(rows) > 1 else [])])

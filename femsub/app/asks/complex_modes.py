@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from femsub import studies
+import femsub as fs
 from femsub.app.asks import WHICH, Ask, parameter_of, rowed
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Remark, Result, Table, column, label, studies
 from femsub.app.shapes import complex_pictures, page_mode, pictures, turned, vtu
 from femsub.model import in_band
-from femsub.modes import listed
-from femsub.studies import Remark, Table, column, label
 
 if TYPE_CHECKING:
     import numpy as np
@@ -118,7 +116,7 @@ class ComplexModesAsk(Ask):
         data: dict[str, Any] = {**one.head, "evidence": found.evidence, "cutoff": cutoff, "up_to": limit} | {
             name: getattr(found, name) for name in SHOWN}
         for name, modes in (("", found), ("full_", exact)):
-            keep = listed(modes) & in_band(modes.eigenvalues, (0.0, limit))
+            keep = fs.modes.listed(modes) & in_band(modes.eigenvalues, (0.0, limit))
             data |= {f"{name}counted": int(keep.sum()), f"{name}growth": float(modes.eigenvalues.real[keep].max(initial=-np.inf))}
         if one.before and at is not None and len(found) and first is models.exact and not models.pencil:
             # ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖ in the norm of M: the sine of the angle between the shapes

@@ -11,10 +11,8 @@ import femsub as fs
 from femsub import ReducedSubstructure, studies
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, Verdict, column, label, span
 from femsub.errors import InputError, first_few
-from femsub.modes import relative_error
-from femsub.studies import Table, Verdict, column, label, span
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -122,7 +120,7 @@ class CriticalAsk(Ask):
             error = max((one.model.port_error.get(name, 0.0) for name in models.places), default=0.0) if isinstance(
                 one.model, ReducedSubstructure) else 0.0
             rows.append({**one.head, "value": loss.value, "omega": loss.omega, "full": exact,
-                         "error": relative_error(loss.value, exact), "port_error": error, "reason": loss.reason})
+                         "error": fs.modes.relative_error(loss.value, exact), "port_error": error, "reason": loss.reason})
         return rows
 
     def all_of(self, models: Models, one: Known) -> Any:

@@ -9,19 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.algebra import QUADRATIC
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, label, studies
 from femsub.errors import InputError, NoCycleError, NotConvergedError
-from femsub.motion import onsets, sliding
-from femsub.studies import Table, column, cycles_verdict, label
 
 if TYPE_CHECKING:
     from femsub import Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class CyclesAsk(Ask):
             raise InputError("no model is small enough for its modes to be listed; give [reduce]")
 
         def sought() -> Any:
-            return onsets(sliding(several[0], models.contacts), limits)
+            return fs.motion.onsets(fs.motion.sliding(several[0], models.contacts), limits)
 
         omega, c = models.kept(("onsets", id(several[0]), limits, repr(models.contacts)), sought)
         if not len(omega):
@@ -118,9 +115,9 @@ class CyclesAsk(Ask):
             *["?, and no multiplier: of large models the stability of cycles is not computed"] * any(
                 row["is_stable"] is None for row in kept),
             *(f"{label(row['model'])} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row),
-            cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])
+            studies.cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])
 
 
 def small(model: Substructure) -> bool:
     """Whether all modes of a model, and the stability of its cycles, are at hand."""
-    return not model.pencil.is_sparse or model.size <= QUADRATIC
+    return not model.pencil.is_sparse or model.size <= fs.algebra.QUADRATIC

@@ -10,14 +10,13 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Remark, Result, Table, column, label, studies
 from femsub.errors import InputError
-from femsub.studies import Remark, Table, column, flutter_chart, label
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Remark, Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)
@@ -95,4 +94,4 @@ class FlutterAsk(Ask):
             Remark([f"Stability is lost in the flutter diagram: {losses}."] if losses else ()),
             Table("flutter", branches, title=f"Branches over {symbol}"),
             Table("flutter-meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
-            flutter_chart("flutter", tracks, crossings, f"{symbol}  [-]", models.scene.name, points)])
+            studies.flutter_chart("flutter", tracks, crossings, f"{symbol}  [-]", models.scene.name, points)])

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from femsub import studies
+import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
-from femsub.coupling import LAWS
+from femsub.app.result import Result, studies
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, studies
 
 
 @dataclass(frozen=True)
@@ -31,8 +30,9 @@ class FrictionLawAsk(Ask):
         belt = next(one for one in models.scene.contacts.values() if type(one).KIND == "belt")
         side = np.concatenate([np.geomspace(1e-5, 0.05, 60), np.linspace(0.06, 1.0, 95)])
         speeds = np.concatenate([-side[::-1], [0.0], side])
-        titles = {name: getattr(law, "label", name) for name, law in LAWS.items()}
+        titles = {name: getattr(law, "label", name) for name, law in fs.coupling.LAWS.items()}
         widths = sorted({*self.friction_law, belt.eps}, reverse=True)  # type: ignore[attr-defined]
-        curves = [{"law": name, "eps": eps, "value": LAWS[name](eps=eps).value(speeds)} for name in LAWS for eps in widths]
+        curves = [{"law": name, "eps": eps, "value": fs.coupling.LAWS[name](eps=eps).value(speeds)} for name in fs.coupling.LAWS
+                  for eps in widths]
         return Result({"friction-law": {"speed": speeds, "curves": curves}}, [studies.friction_chart(
             speeds, curves, titles, belt.speed, models.linear[0].slope or 0.0)])  # type: ignore[attr-defined]

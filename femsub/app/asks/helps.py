@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, studies
 from femsub.errors import InputError
-from femsub.studies import Table, changes_chart, column
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column, studies
 
 
 @dataclass(frozen=True)
@@ -55,5 +54,6 @@ class HelpsAsk(Ask):
         columns = [column("change", form="s"), column("amount", form=".5g"), column("growth", form=".5g"),
                    column("by_slope", "by slope", ".5g"), "is_stable", column("in_full", "in full", ".5g")]
         return Result({"helps": {"before": found.before.growth, "rows": rows}}, [
-            repr(found), Table("helps", rows, columns, "Changes"), changes_chart("helps", found, f"{models.scene.name}: what "
+            repr(found), Table("helps", rows, columns, "Changes"), studies.changes_chart("helps", found,
+                                                                                         f"{models.scene.name}: what "
                                                                                  "helps")])

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub import studies
 from femsub.app.asks import Ask, parameter_of, range_of
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, studies
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, studies
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,8 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Remark, Result, Table, column
 from femsub.app.shapes import pictures
-from femsub.modes import NEAR, match
-from femsub.studies import Remark, Table, column
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
@@ -54,9 +52,9 @@ class ModesAsk(Ask):
         if self.reference:  # beside the elastic frequencies that are nearest
             own, theirs = found.frequencies[found.rigid:], np.array(self.reference)
             apart: list[float] = []
-            for at, to in zip(*match(own, theirs), strict=True):
+            for at, to in zip(*fs.modes.match(own, theirs), strict=True):
                 difference = abs(float(own[at] / theirs[to] - 1))
-                if difference <= NEAR:
+                if difference <= fs.modes.NEAR:
                     rows[found.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
                     apart.append(difference)
             within = f", within {max(apart):.1e}" if apart else ""

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, ClassVar
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
-from femsub.studies import Table, column
+from femsub.app.result import Result, Table, column
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column
 
 
 @dataclass(frozen=True)

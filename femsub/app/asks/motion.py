@@ -9,21 +9,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub import studies
 from femsub.app.asks import WHICH, Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
 from femsub.checks import Interruptible
 from femsub.errors import InputError, unknown_name
-from femsub.modes import relative_error
-from femsub.motion import sliding
-from femsub.studies import NEVER, Remark, Table, Verdict, column, label, named, sentence
 
 if TYPE_CHECKING:
     from femsub import ComplexModes, Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Result
+    from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
     from femsub.motion import Spectrum
 
 SHOW = ("growth", "quality", "signals", "spectrum", "spectrogram")
@@ -179,7 +175,7 @@ class MotionAsk(Ask):
                     # from a velocity `faint` until it should be `still`, and for a dozen periods at least
                     value, shape = complex(modes.eigenvalues[at]), modes.shapes[:, at]
                     shape = shape * (faint * speed / max(float(np.abs(one.model.port(place).T @ shape * value).max()), 1e-300))
-                    start = sliding(one.model, models.contacts).perturbed(shape.real, (value * shape).real)
+                    start = fs.motion.sliding(one.model, models.contacts).perturbed(shape.real, (value * shape).real)
                     period = 2 * np.pi / value.imag
                     end = max(np.log(still / faint) / value.real, 12 * period)
                     run = whole(fs.transient(one.model, models.contacts, (0.0, end), start=start, step=period / 40, tol=1e-10,
@@ -238,8 +234,8 @@ class MotionAsk(Ask):
         if not known or known[0].kind != "full":
             return Result({"motion-quality": []})
         exact, reduced = known[0], known[1:]
-        measured = [{"model": item.kind, "error_frequency": relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
-                     "error_amplitude": relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+        measured = [{"model": item.kind, "error_frequency": fs.modes.relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
+                     "error_amplitude": fs.modes.relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
         rows = studies.table_rows(exact.model, [item.model for item in reduced], models.contacts, measured)
         columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
                    column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),

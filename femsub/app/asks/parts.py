@@ -12,9 +12,8 @@ from femsub.app.asks import Ask
 from femsub.app.figures import parts_figure
 from femsub.app.keys import key
 from femsub.app.models import joined_mesh
-from femsub.app.result import Picture, Result
+from femsub.app.result import Picture, Result, Table, column
 from femsub.app.shapes import vtu
-from femsub.studies import Table, column
 
 if TYPE_CHECKING:
     from femsub.app.models import Models

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub import studies
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Advice, Result, Table, column, label, studies
 from femsub.errors import InputError, unknown_name
-from femsub.studies import Advice, Table, column, label
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Advice, Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,12 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.asks.complex_modes import least_stable
 from femsub.app.keys import key
-from femsub.app.result import Result
-from femsub.studies import Table, column
+from femsub.app.result import Result, Table, column
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column
 
 
 @dataclass(frozen=True)

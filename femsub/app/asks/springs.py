@@ -10,17 +10,15 @@ import numpy as np
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub import studies
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result
+from femsub.app.result import Result, Table, column, studies
 from femsub.errors import InputError, PortWarning
-from femsub.studies import Table, column
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
+    from femsub.app.result import Result, Table, column, studies
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.ends import Link
+from femsub.app.ends import LinkKind
 
 if TYPE_CHECKING:
     from femsub import Mesh
 
 
 @dataclass(frozen=True)
-class ContactKind(Link):
+class ContactKind(LinkKind):
     """What all kinds of contacts have: places, surfaces that they join, and the contact of the models."""
 
     FAMILY: ClassVar[str] = "contact"

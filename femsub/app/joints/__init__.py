@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.ends import Link
+from femsub.app.ends import LinkKind
 from femsub.app.keys import key
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'
 
 
 @dataclass(frozen=True)
-class JointKind(Link):
+class JointKind(LinkKind):
     """What all kinds of joints have."""
 
     tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,

@@ -11,7 +11,6 @@ import numpy as np
 import femsub as fs
 from femsub.app.keys import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, rates
-from femsub.components import SUPPORTS
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,8 +35,8 @@ class BeamPart(Part):
                    otherwise="that of the rectangle width x height")
     A: float = key(0.0, "area", unit="length²", least=0, otherwise="that of the rectangle width x height")
     foundation: float = key(0.0, "stiffness of an elastic foundation per length", unit="force/length²", least=0)
-    left: str = key("free", "how the left end is held", choices=lambda _: SUPPORTS)
-    right: str = key("free", "how the right end is held", choices=lambda _: SUPPORTS)
+    left: str = key("free", "how the left end is held", choices=lambda _: fs.components.SUPPORTS)
+    right: str = key("free", "how the right end is held", choices=lambda _: fs.components.SUPPORTS)
     ports: dict[str, Any] = key({}, "places by their names: x of a node, 'left' or 'right'", otherwise="none",
                                 example={"belt": 0.35})
     rayleigh: list[float] = key([], "[alpha, beta] of the damping D = αM + βK", **RAYLEIGH)

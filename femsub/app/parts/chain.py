@@ -11,7 +11,6 @@ import numpy as np
 import femsub as fs
 from femsub.app.keys import key
 from femsub.app.parts import Made, Part, PartSite
-from femsub.coupling import cut_chain
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +54,8 @@ class ChainPart(Part):
         if self.cut:
             if self.cut >= self.chain:
                 raise InputError(f"{self.chain} masses can be cut into {self.chain - 1} pieces at most, not {self.cut}")
-            parts, joints, _ = cut_chain(self.chain, self.cut, self.belt, self.damping, masses=self.masses, springs=self.springs)
+            parts, joints, _ = fs.coupling.cut_chain(self.chain, self.cut, self.belt, self.damping, masses=self.masses,
+                                                     springs=self.springs)
             return Made(dict(parts), joints)
         masses = list(dict.fromkeys(self.belt if one == "belt" else one for one in self.prefer(site)))
         if strange := [one for one in masses if not isinstance(one, int)]:

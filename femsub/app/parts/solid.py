@@ -12,7 +12,6 @@ import numpy as np
 import femsub as fs
 from femsub.app.keys import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, motions, rates
-from femsub.coupling import brake_meshes
 from femsub.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ class Shape:
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
 
 
-_brake = cache(brake_meshes)  # of three parts that are made in turn
+_brake = cache(fs.coupling.brake_meshes)  # of three parts that are made in turn
 
 
 def _disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
