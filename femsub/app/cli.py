@@ -96,7 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if options.command == "run":
-            return _run(options, partial(_loaded, options.scene, options.trust), options.trust)
+            from femsub.app.grammar import Scene
+
+            return _run(options, partial(Scene.from_file, options.scene, options.trust), options.trust)
         if options.command == "audit":
             return _run(options, partial(audit_command.scene, options))
         if options.command == "doctor":
@@ -175,12 +177,6 @@ def _scenes() -> dict[str, str]:
     from femsub.app.grammar import built_in
 
     return built_in()
-
-
-def _loaded(source: str, trusted: Sequence[str]) -> Scene:
-    from femsub.app.grammar import Scene
-
-    return Scene.from_file(source, trusted)
 
 
 def printable_record(record: logging.LogRecord) -> bool:

@@ -72,7 +72,7 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
             errors, levels = key == "error", list[Level]()
             series = [Series(name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"], "solid",
                              size=nested(at), hover=hover_of(own, words)) for at, (name, own) in enumerate(
-                                 _lines([row for row in mine if row["model"] != "full"], x))]
+                                 curves_of([row for row in mine if row["model"] != "full"], x))]
             full = [row for row in mine if row["model"] == "full" and np.isfinite(row["value"])]
             if full and not errors and x == "size":
                 levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")]
@@ -85,7 +85,7 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
                  width=1.0 if len(places) > 1 else 0.65, height=2.4)
 
 
-def _lines(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
+def curves_of(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
     """The rows of each method, and over what varies of each number of modes, in the order of x, by their names."""
     several = x != "size" and len({row["modes"] for row in rows}) > 1
     return [(look(own[0]["model"]).label + (f", {own[0]['modes']} modes" if several else ""), sorted(own, key=lambda row: row[x]))

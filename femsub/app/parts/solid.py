@@ -51,7 +51,7 @@ class Shape:
         counts = self.elements or [4, 48, 2]
         if self.brake:
             return _brake(self.size)[self.brake]
-        made = _disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
+        made = disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
             self.lengths, counts, self.cells, name=name)
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
 
@@ -59,7 +59,7 @@ class Shape:
 _brake = cache(fs.coupling.brake_meshes)  # of three parts that are made in turn
 
 
-def _disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
+def disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
     """A disc with its contact and three mounts."""
     mesh = fs.annulus(radii[0], radii[1], thickness, counts, cells, name=name)
     radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
