@@ -17,6 +17,7 @@ finite-element scene needs. The folders are rooms in the order of the method; im
 """
 
 import logging
+from os import listdir
 
 try:
     import lazy_loader
@@ -35,4 +36,5 @@ __version__ = "0.1.0"
 logging.getLogger("femsub").addHandler(logging.NullHandler())
 
 __getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
-__all__ = sorted([*_names, "__version__"])
+# the rooms can be had as `fs.coupling` too, but are no names of the front door
+__all__ = sorted({*_names, "__version__"} - set(listdir(__path__[0])))

@@ -163,6 +163,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "E": 1.0, "nu": 0.3, "rho": 1.0, "thickness": 0.1, "material": steel, "contacts": soft, "parameter": "slope",
         "values": [-0.1, 0.0], "mesh": mesh, "t": t, "signal": y, "method": fs.CraigBampton(2)}
     own: dict[str, dict[str, Any]] = {  # beside the usual values and the defaults
+        "Scene": {"table": {"scene": "chain"}, "folder": folder},
         "Affine": {"M": np.eye(2), "D": None, "K": [(1.0, np.eye(2)), ("mu", [[0.0, 1.0], [0.0, 0.0]])]},
         "FrictionContact": {"stiffness": 1.0, "mu": 0.4, "direction": (1.0, 0.0, 0.0), "first": "top", "second": "ground",
             "meshes": mesh},

@@ -26,6 +26,7 @@ from femsub.motion.cycles.compliance import Solved
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=0.02))
 #: how one of each public class is made; the objects are small, and made once
 MAKE: dict[str, Callable[[], Any]] = {
+    "Scene": lambda: fs.Scene({"scene": "chain"}),
     "Affine": lambda: fs.Affine(np.eye(2), [("speed", [[0, 1], [-1, 0]])], [(1.0, np.eye(2)), ("mu", [[0, 1], [0, 0]])]),
     "AddedDamper": lambda: fs.AddedDamper("belt", 0.2, to=[3]),
     "AddedMass": lambda: fs.AddedMass([1, 2], 0.5),

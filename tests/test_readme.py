@@ -94,7 +94,8 @@ def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> N
 
 
 @pytest.mark.sampled(3)
-@pytest.mark.parametrize("text", [pytest.param(text, marks=slow(page)) for page, kind, text in BLOCKS if kind == "toml"])
+@pytest.mark.parametrize("text", [pytest.param(text, marks=slow(page)) for page, kind, text in BLOCKS
+                                  if kind == "toml" and not re.search(r"^use = ", text, re.MULTILINE)])  # tests/test_extend.py
 def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     sub = fs.chain(10)
     for name in "MK":

@@ -203,7 +203,7 @@ BAD = [
     (CHAIN + "[part.chain]\ninterface = [1, 1]", "part.chain.interface: 1 is listed 2 times"),
     (CHAIN + "[reduce]\nsizes = [12]", "line 2: reduce: sizes: 12 are more than the 10 DOF of 'chain'"),
     (CHAIN + '[reduce]\nmethods = ["craig-bampten"]', "unknown method 'craig-bampten'; did you mean 'craig-bampton'"),
-    (CHAIN + asked('complex-mode = "all"'), "line 3: ask 1.complex-mode: unknown kind of ask: none of its keys names one, as "
+    (CHAIN + asked('complex-mode = "all"'), "line 2: ask 1: unknown kind of ask: none of its keys names one, as "
                                             "'complex-mode'; did you "
                                             "mean 'complex-modes'"),
     (CHAIN + asked('complex-modes = "all"\nmodes = 3'), "it is of the kinds complex-modes and modes"),

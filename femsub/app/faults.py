@@ -10,7 +10,7 @@ from typing import Any
 from femsub.errors import FemsubError, InputError
 
 Place = Sequence[Any]  # the keys that lead to a value: ("part", "disc", "E"), ("ask", 2, "between")
-HEADER = re.compile(r"\s*(\[\[?)\s*(.+?)\s*\]\]?\s*(?:#.*)?$")
+HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]")
 KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
 NAME = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
 

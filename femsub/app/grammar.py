@@ -23,7 +23,7 @@ from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from types import ModuleType, NoneType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
@@ -38,7 +38,7 @@ from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.app.units import SYSTEMS, Units
-from femsub.checks import word
+from femsub.checks import mapping, path_of, word
 from femsub.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -150,6 +150,20 @@ def _over(old: Any, new: Any, names: Sequence[str]) -> Any:
     return dict(new) if another else {**old, **new}
 
 
+class SceneSource(NamedTuple):
+    """Where a scene comes from: its file and text, and whether Python files that it names may be run.
+
+    A `variant` has the `store` of the scene whose asks have been checked.
+    """
+
+    name: str = ""
+    text: str = ""
+    trusted: tuple[str, ...] = ()
+    allowed: bool = True
+    variant: bool = False
+    store: Any = None
+
+
 class Scene:
     """A scene: its models and its asks, as a file says them. `Scene.from_file(path)` reads one.
 
@@ -176,20 +190,20 @@ class Scene:
     Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
 
-    def __init__(self, table: Mapping[str, Any], folder: Path = Path("."), source: str = "", text: str = "",
-                 trusted: Sequence[str] = (), store: dict[Any, Any] | None = None, allowed: bool = True,
-                 variant: bool = False) -> None:
-        self.variant = variant  # of a scene whose asks have been checked
-        self.folder, self.source, self.trusted = folder, source, tuple(trusted)
-        self.store: dict[Any, Any] = {} if store is None else store
+    def __init__(self, table: Mapping[str, Any], folder: str | Path = ".") -> None:
+        self._read_all(mapping("table", table, "the tables of a scene file"), path_of("folder", folder), SceneSource())
+
+    def _read_all(self, table: Mapping[str, Any], folder: Path, source: SceneSource) -> None:
+        """Reads and checks all tables."""
+        self.folder, self.source, self.variant = folder, source, source.variant
+        self.store: dict[Any, Any] = source.store if source.variant else {}
         self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
-        self._allowed = allowed
-        faults = Faults("" if variant else source, text)
+        faults = Faults("" if source.variant else source.name, source.text)
         with faults.at(("use",)):
             used = table.get("use", [])
             self.kinds = Kinds([self.module(name) for name in (used if isinstance(used, list) else [used])])
         faults.check()
-        known_as = Path(source).stem if source else ""
+        known_as = Path(source.name).stem if source.name else ""
         if (name := table.get("scene")) is not None:
             with faults.at(("scene",)):
                 known_as = word("it", name)
@@ -216,7 +230,7 @@ class Scene:
             return cls({"scene": name})
         if path.suffix == ".json":
             table, folder = inputs_of(path)
-            return cls(table, folder, name, "", trusted, allowed=False)
+            return cls._from(table, folder, SceneSource(name, "", tuple(trusted), False))
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
@@ -225,7 +239,13 @@ class Scene:
         if not table:
             raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
                              "name of `femsub scenes`")
-        return cls(table, path.parent, name, text, trusted, allowed=False)
+        return cls._from(table, path.parent, SceneSource(name, text, tuple(trusted), False))
+
+    @classmethod
+    def _from(cls, table: Mapping[str, Any], folder: Path, source: SceneSource) -> Self:
+        made = cls.__new__(cls)
+        made._read_all(table, folder, source)
+        return made
 
     def _read(self, faults: Faults, known_as: str) -> None:
         """Makes all tables into their classes; what cannot be one is noted and left out."""
@@ -252,7 +272,7 @@ class Scene:
                     kind: Any = families[family]
                 else:
                     kind = None
-                    with faults.at((*place, next(iter(one), "kind"))):
+                    with faults.at(place):
                         kind = self.kinds.of(family, one)
                 if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
@@ -300,10 +320,9 @@ class Scene:
     def module(self, name: Any) -> ModuleType:
         """A Python file of the user's, which is run: it lies beside the scene file, or the user has allowed it."""
         path = self.folder / word("it", name)
-        whole = None if self._allowed else is_beside(path, self.folder, self.trusted)
-        if whole is False:
+        if not self.source.allowed and not is_beside(path, self.folder, self.source.trusted):
             raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it first, then "
-                             f"allow it: femsub run {self.source} --trust {path}")
+                             f"allow it: femsub run {self.source.name} --trust {path}")
         if ("module", path) not in self.store:  # variants have the same kinds
             self.store["module", path] = kinds_file(path)
         found: ModuleType = self.store["module", path]
@@ -384,7 +403,8 @@ class Scene:
             if not isinstance(here, dict):
                 raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene(table | {"name": self.name}, self.folder, self.source, "", self.trusted, self.store, self._allowed, True)
+        made = Scene._from(table | {"name": self.name}, self.folder, self.source._replace(text="", store=self.store,
+                                                                                          variant=True))
         made.figures = self.figures
         return made
 

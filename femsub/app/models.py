@@ -132,6 +132,8 @@ class Models:
             return end.part, facing_set(End.of(joint.surfaces[0]), end)
         if end.mark:
             return end.part, end.rest if end.rest in part.ports else self.scene.parts[end.part].set_of(end.rest)
+        if not len(part.interface):
+            raise InputError(f"{end.part!r} has no interface: give it one, or name here where it is joined")
         whole = [one for one, rows in part.sets.items() if len(rows) == len(part.interface_numbers)]
         return end.part, whole[0] if whole else part.interface.tolist()  # a set is matched by place, a list in its order
 

@@ -86,10 +86,16 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
 
 
 def curves_of(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
-    """The rows of each method, and over what varies of each number of modes, in the order of x, by their names."""
-    several = x != "size" and len({row["modes"] for row in rows}) > 1
-    return [(look(own[0]["model"]).label + (f", {own[0]['modes']} modes" if several else ""), sorted(own, key=lambda row: row[x]))
-            for own in grouped(rows, "model", *(["modes"] if x != "size" else [])).values()]
+    """The rows of each method in the order of x, by their names; over what varies, those of each number of modes or of DOF.
+
+    Of the two it is the one that varies less: a model of a given size has other numbers of modes where its interface is another.
+    """
+    if x == "size":
+        return [(look(model).label, sorted(own, key=lambda row: row[x])) for model, own in grouped(rows, "model").items()]
+    by, unit = min((("modes", "modes"), ("size", "DOF")), key=lambda one: len({row[one[0]] for row in rows}))
+    several = len({row[by] for row in rows}) > 1
+    return [(look(model).label + (f", {count} {unit}" if several else ""), sorted(own, key=lambda row: row[x]))
+            for (model, count), own in grouped(rows, "model", by).items()]
 
 
 def nested(at: int) -> float:
