@@ -26,7 +26,7 @@ from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Polynomials, Spaces, States, improved
+from femsub.reduction.states import Polynomials, Spaces, States, improved, inverse_beside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,6 +48,7 @@ class Node(NamedTuple):
     lam: Array
     x: Array
     z: Array
+    inverse: float  #: `inverse_beside` these pairs, of what is outside of the model that was there
 
 
 def over_box(family: Affine, box: ParameterBox) -> BoxModel:
@@ -79,6 +80,7 @@ class _Maker:
 
     def __init__(self, family: Affine, box: ParameterBox, shapes: Array, whole: bool = False) -> None:
         self.family, self.box, self.whole = family, box, whole
+        self.W: Array | None = None  # the last small model's basis in V
         usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
@@ -158,9 +160,13 @@ class _Maker:
         (shift, nu, x, z), *_ = eigenpairs(matrices, self.projection.outer.size)
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
-        at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
-        # beside strong dashpots LAPACK's λ have errors, of which `learn` would take the radii to be too small
-        return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]))
+        lam = np.where(np.isfinite(lam), lam, np.inf)
+        inside = contour.encloses(lam)
+        at, inverse = np.flatnonzero(inside & (lam.imag >= 0)), 0.0
+        if self.W is not None:
+            beyond = (part[:, ~inside] - self.W @ (self.W.T @ part[:, ~inside]) for part in (x, z))
+            inverse = inverse_beside(lam[at], lam[~inside], *beyond)
+        return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]), inverse)
 
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""
@@ -204,7 +210,7 @@ class _Maker:
         self.projection = self.projection.changed(self.centre, self.half)
         self.projection.lost  # noqa: B018  (as above)
         c = self.projection.least
-        self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
+        self.c = self.least = c if c > 0 else 1.0  # of the whole box outside of V; nodes show what it is in V
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
@@ -215,7 +221,7 @@ class _Maker:
         model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
             new, known = self.node(places[at], contour), self.least
-            self.learn(model, new)
+            self.least = 1 / max(1 / self.least, new.inverse)
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
@@ -252,6 +258,7 @@ class _Maker:
             W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
             W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
+        self.W = W
         inside = projection.inside
         d = W.shape[1]
         outside = projection.images_outside() @ W  # (p, h, d)
@@ -297,21 +304,24 @@ class _Maker:
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
         contour, over = cell.contour, Polynomials.of(cell.ranges, most)
-        spaces, tried = list[Spaces](), list[tuple[float, float, States]]()
+        spaces, tried, inverse = list[Spaces](), list[tuple[float, float, States]](), 0.0
 
-        def solved(place: Sequence[float]) -> tuple[Any, Array, Array, Array]:
+        def solved(place: Sequence[float]) -> tuple[float, tuple[Any, Array, Array, Array]]:
             matrices = model.moving(model.factors(**dict(zip(cell.ranges, place, strict=True))))
             lam, x, z = model.every(matrices)
-            at = np.flatnonzero(contour.encloses(lam))
+            inside = contour.encloses(lam)
+            at, beyond = np.flatnonzero(inside), np.flatnonzero(~inside)
             scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
-            return matrices, lam[at], x[:, at] / scale, z[:, at] / scale
+            beside = inverse_beside(lam[at[lam[at].imag >= 0]], lam[beyond], x[:, beyond], z[:, beyond])
+            return beside, (matrices, lam[at], x[:, at] / scale, z[:, at] / scale)
 
         for count in over.counts:
-            for found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
+            for beside, found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
                 if len(found[1]) != number:
                     return None
                 spaces.append(Spaces.of(*found, unit, *spaces[:1]))
-            states = States.of(over, spaces, unit)
+                inverse = max(inverse, beside)
+            states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
             known = 2 if tried[-1][0] else 1  # a degree may gain nothing by symmetry
@@ -320,7 +330,7 @@ class _Maker:
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
         if lacking >= number / 2:
             return None  # a step for each pair takes as long as the whole problem
-        return replace(states, doubt=max(1.0, 3 * self.excess(model, cell, states)))
+        return replace(states, inverse=inverse)
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
         """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
@@ -330,26 +340,6 @@ class _Maker:
 
         lacking, largest = zip(*by_threads(missing, _places(cell.ranges, VISITS)), strict=True)
         return float(np.mean(lacking)), max(largest)
-
-    def excess(self, model: BoxModel, cell: Cell, states: States) -> float:
-        """The largest distance of a λ on states, without iteration, from one of the whole small model, over its radius.
-
-        Residuals of such pairs lie in the basis, too, where P has a larger inverse than outside. The radii do not know that.
-        """
-        def off(place: Mapping[str, float]) -> float:
-            (lam, _, _, size), *_ = model.on(cell, states, place)
-            far = np.abs(lam[:, None] - model.pairs(place)[1]).min(axis=1, initial=np.inf)
-            counts = np.isfinite(far) & (far > EPS**0.75 * np.abs(lam))  # others are rounding
-            return float(np.max(far[counts] / size[counts], initial=0.0))
-
-        return max(by_threads(off, _places(cell.ranges, VISITS, 2)))
-
-    def learn(self, model: BoxModel, node: Node) -> None:
-        """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
-        found = model.modes(**node.values)
-        far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
-        counts = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
-        self.least = min(self.least, float(np.min(found.error_bar[counts] / far[counts], initial=np.inf)) * model.radii.least / 3)
 
 
 def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:
