@@ -215,7 +215,8 @@ class _Maker:
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
         middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
-        places = [middle, *(_places(box.ranges, PLACES * len(names)) if names else [])]
+        # corners as well: the basis has their vectors, but for what is `kept`
+        places = [middle, *(corners + _places(box.ranges, PLACES * len(names)) if names else [])]
         train = np.array([list(place.values()) for place in places])
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
@@ -226,7 +227,7 @@ class _Maker:
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
             del model  # before the next one takes memory
-            nodes = self.enriched([*(nodes if names else []), new], 1)
+            nodes = self.enriched([*(one for one in nodes if one.values != new.values), new], 1)
             model = self.small(nodes, cells)
             again = errors >= min(box.tol, errors.max())  # more shapes do not make an error larger
             found = model.modes_over(**dict(zip(names, train[again].T, strict=True))) if names else [model.modes()]
@@ -237,7 +238,7 @@ class _Maker:
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
         model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
-        return self.listing(model, len(places))
+        return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
