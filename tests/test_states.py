@@ -210,7 +210,7 @@ def test_the_inverse_beside_some_pairs_is_that_without_them(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_states_lack_in_the_basis_is_in_their_sizes(seed: int) -> None:
-    """Without any error outside: |δλ| ≤ ‖P⁻¹‖ ‖Px‖ ‖Pᴴz‖ with the inverse beside the pairs inside, up to terms of higher order."""
+    """Without any error outside: |δλ| ≤ ‖P⁻¹‖ ‖Px‖ ‖Pᴴz‖ with the inverse beside the pairs inside, to first order."""
     M, D, K = pencil(np.random.default_rng(seed), 16)
 
     def at(values: dict[str, float]) -> list[np.ndarray]:
