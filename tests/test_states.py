@@ -205,7 +205,9 @@ def test_the_inverse_beside_some_pairs_is_that_without_them(seed: int) -> None:
         near = (x[:, inside] / (s - lam[inside])) @ z[:, inside].conj().T
         norms.append(la.norm(la.inv(K + s * D + s * s * M) - near, 2))
     found = inverse_beside(lam[at], lam[~inside], x[:, ~inside], z[:, ~inside])
-    assert 0.9 * max(norms) <= found <= 1.001 * max(norms)
+    assert (found.at == lam[at]).all() and (0.9 * np.array(norms) <= found.size).all()
+    assert (found.size <= 1.001 * np.array(norms)).all()
+    np.testing.assert_array_equal(found(lam[at][::-1] + 1e-9), found.size[::-1])
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -26,7 +26,7 @@ from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Polynomials, Spaces, States, improved, inverse_beside
+from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -48,7 +48,7 @@ class Node(NamedTuple):
     lam: Array
     x: Array
     z: Array
-    inverse: float  #: `inverse_beside` these pairs, of what is outside of the model that was there
+    inverse: Norms  #: `inverse_beside` these pairs, of what is outside of the model that was there
 
 
 def over_box(family: Affine, box: ParameterBox) -> BoxModel:
@@ -162,7 +162,7 @@ class _Maker:
             lam = shift + 1 / nu
         lam = np.where(np.isfinite(lam), lam, np.inf)
         inside = contour.encloses(lam)
-        at, inverse = np.flatnonzero(inside & (lam.imag >= 0)), 0.0
+        at, inverse = np.flatnonzero(inside & (lam.imag >= 0)), Norms()
         if self.W is not None:
             beyond = (part[:, ~inside] - self.W @ (self.W.T @ part[:, ~inside]) for part in (x, z))
             inverse = inverse_beside(lam[at], lam[~inside], *beyond)
@@ -210,7 +210,8 @@ class _Maker:
         self.projection = self.projection.changed(self.centre, self.half)
         self.projection.lost  # noqa: B018  (as above)
         c = self.projection.least
-        self.c = self.least = c if c > 0 else 1.0  # of the whole box outside of V; nodes show what it is in V
+        self.c = c if c > 0 else 1.0  # of the whole box outside of V
+        self.inverse = Norms()  # in V, as nodes show
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
@@ -221,10 +222,11 @@ class _Maker:
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
-            new, known = self.node(places[at], contour), self.least
-            self.least = 1 / max(1 / self.least, new.inverse)
-            errors = errors * (known / self.least)
-            if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
+            new = self.node(places[at], contour)
+            known = np.maximum(1 / self.c, self.inverse(new.inverse.at))
+            growth = float((new.inverse.size / known).max(initial=1.0))
+            errors, self.inverse = errors * growth, self.inverse.joined(new.inverse)
+            if errors.max() <= box.tol and growth < 2:  # the estimate holds at a new value as well
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(one for one in nodes if one.values != new.values), new], 1)
@@ -237,7 +239,7 @@ class _Maker:
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
+        model = model._with(radii=replace(model.radii, inverse=self.inverse), error=float(errors.max()))
         return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
@@ -284,7 +286,7 @@ class _Maker:
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         V = projection.V @ W
-        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.least)
+        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.c, self.inverse)
         V = np.hstack([projection.free, V]) if projection.free.size else V
         V *= self.unit[:, None]
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
@@ -305,9 +307,9 @@ class _Maker:
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
         contour, over = cell.contour, Polynomials.of(cell.ranges, most)
-        spaces, tried, inverse = list[Spaces](), list[tuple[float, float, States]](), 0.0
+        spaces, tried, inverse = list[Spaces](), list[tuple[float, float, States]](), Norms()
 
-        def solved(place: Sequence[float]) -> tuple[float, tuple[Any, Array, Array, Array]]:
+        def solved(place: Sequence[float]) -> tuple[Norms, tuple[Any, Array, Array, Array]]:
             matrices = model.moving(model.factors(**dict(zip(cell.ranges, place, strict=True))))
             lam, x, z = model.every(matrices)
             inside = contour.encloses(lam)
@@ -321,7 +323,7 @@ class _Maker:
                 if len(found[1]) != number:
                     return None
                 spaces.append(Spaces.of(*found, unit, *spaces[:1]))
-                inverse = max(inverse, beside)
+                inverse = inverse.joined(beside)
             states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
