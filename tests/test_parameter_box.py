@@ -17,7 +17,6 @@ import scipy.sparse as sp
 from scipy.io import loadmat
 
 import femsub as fs
-from benchmarks.attacks import boxes
 from femsub.app.scenes.brake import Brake, BrakeScene
 from femsub.errors import FemsubWarning, InputError
 from femsub.modes import eigenpairs
@@ -286,21 +285,7 @@ def test_rounding_beside_strong_dashpots_is_not_learnt_from():
     full = fs.Affine(sp.eye_array(n), [(1.0, 1e-3 * K), (1.0, sp.diags_array(strong)),
                                        ("speed", sp.diags_array([turn, -turn], offsets=[1, -1]))], K)
     small = fs.reduce(full, fs.ParameterBox({"speed": (0.0, 1.0)}, (0.0, 0.7)))
-    assert small.evidence == "certified" and small.error < 1e-6 and small.radii.inverse.size.max() < 1e3
-
-
-def test_residuals_alone_bound_the_error():
-    """Also without what images lack, which made up for a c that was too large: errors were up to 1.3 of ‖R‖‖L‖/c."""
-    full, ranges, band = boxes.family("circulatory", np.random.default_rng([boxes.KINDS.index("circulatory"), 34115]))
-    small = fs.reduce(full, fs.ParameterBox(ranges, band))
-    radii = replace(small.radii, lost=0 * small.radii.lost, rounding=0 * small.radii.rounding)
-    whole = small._with(radii=radii, cells=tuple(replace(cell, states=None) for cell in small.cells))
-    rng, worst = np.random.default_rng(0), 0.0
-    for place in [boxes.at_random(ranges, rng) for _ in range(12)]:
-        found = whole.modes(**place)
-        far = np.abs(found.eigenvalues[:, None] - truth(full.at(**place))).min(axis=1)
-        worst = max(worst, float((far / np.maximum(found.error_bar, 1e-10 * band[1])).max()))
-    assert 0.1 < worst < 1, worst
+    assert small.evidence == "certified" and small.error < 1e-6 and small.radii.least > 1e-3
 
 
 def test_many_values_are_those_one_by_one():

@@ -48,7 +48,6 @@ class Node(NamedTuple):
     lam: Array
     x: Array
     z: Array
-    inverse: Norms  #: `inverse_beside` these pairs, of what is outside of the model that was there
 
 
 def over_box(family: Affine, box: ParameterBox) -> BoxModel:
@@ -80,7 +79,6 @@ class _Maker:
 
     def __init__(self, family: Affine, box: ParameterBox, shapes: Array, whole: bool = False) -> None:
         self.family, self.box, self.whole = family, box, whole
-        self.W: Array | None = None  # the last small model's basis in V
         usable_band(family, box.band)  # a basis of parts may end below
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
@@ -160,13 +158,9 @@ class _Maker:
         (shift, nu, x, z), *_ = eigenpairs(matrices, self.projection.outer.size)
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
-        lam = np.where(np.isfinite(lam), lam, np.inf)
-        inside = contour.encloses(lam)
-        at, inverse = np.flatnonzero(inside & (lam.imag >= 0)), Norms()
-        if self.W is not None:
-            beyond = (part[:, ~inside] - self.W @ (self.W.T @ part[:, ~inside]) for part in (x, z))
-            inverse = inverse_beside(lam[at], lam[~inside], *beyond)
-        return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]), inverse)
+        at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
+        # beside strong dashpots LAPACK's λ have errors, of which `learn` would take the radii to be too small
+        return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]))
 
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""
@@ -210,8 +204,7 @@ class _Maker:
         self.projection = self.projection.changed(self.centre, self.half)
         self.projection.lost  # noqa: B018  (as above)
         c = self.projection.least
-        self.c = c if c > 0 else 1.0  # of the whole box outside of V
-        self.inverse = Norms()  # in V, as nodes show
+        self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
@@ -222,11 +215,10 @@ class _Maker:
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
-            new = self.node(places[at], contour)
-            known = np.maximum(1 / self.c, self.inverse(new.inverse.at))
-            growth = float((new.inverse.size / known).max(initial=1.0))
-            errors, self.inverse = errors * growth, self.inverse.joined(new.inverse)
-            if errors.max() <= box.tol and growth < 2:  # the estimate holds at a new value as well
+            new, known = self.node(places[at], contour), self.least
+            self.learn(model, new)
+            errors = errors * (known / self.least)
+            if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
             del model  # before the next one takes memory
             nodes = self.enriched([*(one for one in nodes if one.values != new.values), new], 1)
@@ -239,7 +231,7 @@ class _Maker:
             at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
-        model = model._with(radii=replace(model.radii, inverse=self.inverse), error=float(errors.max()))
+        model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
         return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
@@ -261,7 +253,6 @@ class _Maker:
             W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
             W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
-        self.W = W
         inside = projection.inside
         d = W.shape[1]
         outside = projection.images_outside() @ W  # (p, h, d)
@@ -286,7 +277,7 @@ class _Maker:
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         V = projection.V @ W
-        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.c, self.inverse)
+        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.least)
         V = np.hstack([projection.free, V]) if projection.free.size else V
         V *= self.unit[:, None]
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))
@@ -343,6 +334,13 @@ class _Maker:
 
         lacking, largest = zip(*by_threads(missing, _places(cell.ranges, VISITS)), strict=True)
         return float(np.mean(lacking)), max(largest)
+
+    def learn(self, model: BoxModel, node: Node) -> None:
+        """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
+        found = model.modes(**node.values)
+        far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
+        counts = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
+        self.least = min(self.least, float(np.min(found.error_bar[counts] / far[counts], initial=np.inf)) * model.radii.least / 3)
 
 
 def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:

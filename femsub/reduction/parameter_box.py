@@ -28,7 +28,7 @@ from femsub.checks import (
 from femsub.errors import InputError
 from femsub.model import DOUBLE, Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
-from femsub.reduction.states import Norms, States, improved, listed, seen
+from femsub.reduction.states import States, improved, listed, seen
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -175,10 +175,9 @@ class Radii:
     """How far each λ of the small model is from one of the full model, by residuals of its pairs, to first order.
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
-    basis has an inverse of at most 1/c in the norm of A. c is an estimate: outside of the space of the proof its own constant,
-    in it the norm at the nearest λ of values of the parameters whose eigenvectors are not in the basis. Residuals of pairs on
-    `States` lie in the basis as well, where P(λ) has another inverse: ‖r‖ ‖l‖ times its norm without the pairs inside the contour
-    is added.
+    basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
+    parameters whose eigenvectors are not in the basis. Residuals of pairs on `States` lie in the basis as well, where P(λ) has
+    another inverse: ‖r‖ ‖l‖ times its norm without the pairs inside the contour is added.
 
     `images` (p + 1, d, r) of the basis by A and by the terms are real rows of their lengths and angles, but for what is too small
     to matter; in single precision where that is so for its rounding.
@@ -190,8 +189,7 @@ class Radii:
     places: Array  #: of each term: the change that it follows, or -1
     base: Array  #: (p, 3): weights c_0, c_1, c_2
     rounding: Array  #: (p + 1, d, d): |V|ᵀ|A||V| and those of the terms; times EPS what rounding of their entries may do
-    least: float  #: c outside of the space of the proof
-    inverse: Norms  #: 1/c in it
+    least: float  #: c
 
     def weights(self, theta: Array) -> Array:
         """(p + 1, 3): what A and the terms are taken with, of s⁰, s and s²."""
@@ -242,8 +240,7 @@ class RadiiAt(NamedTuple):
 
     def __call__(self, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ alone, with its x and z of |zᴴP'(λ)x| = 1, (k,)."""
-        size = np.maximum(1 / self.radii.least, self.radii.inverse(values))
-        own = np.abs(self.weights @ values ** np.arange(3)[:, None])
+        size, own = 1 / self.radii.least, np.abs(self.weights @ values ** np.arange(3)[:, None])
         # by entries: norms of dashpots, 10⁶ times critical, would be above the tolerance; 16 roundings were too few
         moved = np.einsum("ji,jki->ik", np.abs(values) ** np.arange(3)[:, None], self.rounding @ np.abs(x))
         rounding = 64 * EPS * np.einsum("ik,ki->i", moved, np.abs(z))
