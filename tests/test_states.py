@@ -16,7 +16,7 @@ import femsub as fs
 from femsub.model import in_band
 from femsub.modes import Contour
 from femsub.reduction import parameter_box
-from femsub.reduction.states import Polynomials, Spaces, States, iterated, listed, settled
+from femsub.reduction.states import Polynomials, Spaces, States, inverse_beside, iterated, listed, seen, settled
 from femsub.stability.leaves import Companion
 
 CONTOUR = Contour(sides=(-3.0, 3.0, 3.0))
@@ -191,6 +191,44 @@ def test_inverse_iteration_mends_a_mixed_pair() -> None:
     after = iterated((K, D, M), before[0], *before[1:])
     assert (sizes_of(here)(*after) < 1e-6 * sizes_of(here)(*before)).all()
     np.testing.assert_allclose(after[0], lam, rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_inverse_beside_some_pairs_is_that_without_them(seed: int) -> None:
+    M, D, K = pencil(rng := np.random.default_rng(seed), 16)
+    D = D + np.diag(rng.uniform(0.0, 8.0, 16))
+    lam, x, z = settled((K, D, M), *all_inside([M, D, K], Contour(sides=(-50.0, 50.0, 50.0))))
+    assert len(lam) == 32
+    inside, norms = CONTOUR.encloses(lam), []
+    at = np.flatnonzero(inside & (lam.imag >= 0))
+    for s in lam[at] + 1e-5:  # at λ itself P has no inverse; without these pairs it hardly changes
+        near = (x[:, inside] / (s - lam[inside])) @ z[:, inside].conj().T
+        norms.append(la.norm(la.inv(K + s * D + s * s * M) - near, 2))
+    found = inverse_beside(lam[at], lam[~inside], x[:, ~inside], z[:, ~inside])
+    assert (found.at == lam[at]).all() and (0.9 * np.array(norms) <= found.size).all()
+    assert (found.size <= 1.001 * np.array(norms)).all()
+    np.testing.assert_array_equal(found(lam[at][::-1] + 1e-9), found.size[::-1])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_states_lack_in_the_basis_is_in_their_sizes(seed: int) -> None:
+    """Without any error outside: |δλ| ≤ ‖P⁻¹‖ ‖Px‖ ‖Pᴴz‖ with the inverse beside the pairs inside, to first order."""
+    M, D, K = pencil(np.random.default_rng(seed), 16)
+
+    def at(values: dict[str, float]) -> list[np.ndarray]:
+        return [M, D, K + values["load"] * np.diag(np.arange(16.0))]
+
+    states, worst = states_of(at, {"load": (0.0, 0.4)}, 2), 0.0
+    for load in np.linspace(0.0, 0.4, 7).tolist():
+        M_, D_, K_ = at(values := {"load": load})
+        matrices = K_, D_, M_
+        lam, x, z = settled(matrices, *all_inside(at(values), Contour(sides=(-50.0, 50.0, 50.0))))
+        inside = CONTOUR.encloses(lam)
+        here = replace(states, inverse=inverse_beside(lam[inside], lam[~inside], x[:, ~inside], z[:, ~inside]))
+        (found, _, _, size), *_ = seen(here, values, matrices, CONTOUR.encloses, inside.sum(), lambda lam, *_: 0 * lam.real, 1.0)
+        ratio = np.abs(found[:, None] - lam).min(axis=1) / np.maximum(size, 1e-13)
+        worst = max(worst, float(ratio.max()))
+    assert 0.1 < worst < 1.2, worst
 
 
 def test_a_model_of_a_box_solves_its_states_alone(monkeypatch: pytest.MonkeyPatch) -> None:

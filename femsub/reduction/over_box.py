@@ -26,7 +26,7 @@ from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Polynomials, Spaces, States, improved
+from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -209,7 +209,8 @@ class _Maker:
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
         middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
-        places = [middle, *(_places(box.ranges, PLACES * len(names)) if names else [])]
+        # corners as well: the basis has their vectors, but for what is `kept`
+        places = [middle, *(corners + _places(box.ranges, PLACES * len(names)) if names else [])]
         train = np.array([list(place.values()) for place in places])
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
@@ -220,7 +221,7 @@ class _Maker:
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
             del model  # before the next one takes memory
-            nodes = self.enriched([*(nodes if names else []), new], 1)
+            nodes = self.enriched([*(one for one in nodes if one.values != new.values), new], 1)
             model = self.small(nodes, cells)
             again = errors >= min(box.tol, errors.max())  # more shapes do not make an error larger
             found = model.modes_over(**dict(zip(names, train[again].T, strict=True))) if names else [model.modes()]
@@ -231,7 +232,7 @@ class _Maker:
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
         model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
-        return self.listing(model, len(places))
+        return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
         """The model on the vectors of these nodes."""
@@ -297,21 +298,24 @@ class _Maker:
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
         contour, over = cell.contour, Polynomials.of(cell.ranges, most)
-        spaces, tried = list[Spaces](), list[tuple[float, float, States]]()
+        spaces, tried, inverse = list[Spaces](), list[tuple[float, float, States]](), Norms()
 
-        def solved(place: Sequence[float]) -> tuple[Any, Array, Array, Array]:
+        def solved(place: Sequence[float]) -> tuple[Norms, tuple[Any, Array, Array, Array]]:
             matrices = model.moving(model.factors(**dict(zip(cell.ranges, place, strict=True))))
             lam, x, z = model.every(matrices)
-            at = np.flatnonzero(contour.encloses(lam))
+            inside = contour.encloses(lam)
+            at, beyond = np.flatnonzero(inside), np.flatnonzero(~inside)
             scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
-            return matrices, lam[at], x[:, at] / scale, z[:, at] / scale
+            beside = inverse_beside(lam[at[lam[at].imag >= 0]], lam[beyond], x[:, beyond], z[:, beyond])
+            return beside, (matrices, lam[at], x[:, at] / scale, z[:, at] / scale)
 
         for count in over.counts:
-            for found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
+            for beside, found in by_threads(solved, over.nodes[len(spaces):count].tolist()):
                 if len(found[1]) != number:
                     return None
                 spaces.append(Spaces.of(*found, unit, *spaces[:1]))
-            states = States.of(over, spaces, unit)
+                inverse = inverse.joined(beside)
+            states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
             known = 2 if tried[-1][0] else 1  # a degree may gain nothing by symmetry
@@ -320,7 +324,7 @@ class _Maker:
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
         if lacking >= number / 2:
             return None  # a step for each pair takes as long as the whole problem
-        return replace(states, doubt=max(1.0, 3 * self.excess(model, cell, states)))
+        return replace(states, inverse=inverse)
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
         """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
@@ -330,19 +334,6 @@ class _Maker:
 
         lacking, largest = zip(*by_threads(missing, _places(cell.ranges, VISITS)), strict=True)
         return float(np.mean(lacking)), max(largest)
-
-    def excess(self, model: BoxModel, cell: Cell, states: States) -> float:
-        """The largest distance of a λ on states, without iteration, from one of the whole small model, over its radius.
-
-        Residuals of such pairs lie in the basis, too, where P has a larger inverse than outside. The radii do not know that.
-        """
-        def off(place: Mapping[str, float]) -> float:
-            (lam, _, _, size), *_ = model.on(cell, states, place)
-            far = np.abs(lam[:, None] - model.pairs(place)[1]).min(axis=1, initial=np.inf)
-            counts = np.isfinite(far) & (far > EPS**0.75 * np.abs(lam))  # others are rounding
-            return float(np.max(far[counts] / size[counts], initial=0.0))
-
-        return max(by_threads(off, _places(cell.ranges, VISITS, 2)))
 
     def learn(self, model: BoxModel, node: Node) -> None:
         """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""

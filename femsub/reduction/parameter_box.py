@@ -176,8 +176,11 @@ class Radii:
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
     basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
-    parameters whose eigenvectors are not in the basis. `images` (p + 1, d, r) of the basis by A and by the terms are real rows of
-    their lengths and angles, but for what is too small to matter; in single precision where that is so for its rounding.
+    parameters whose eigenvectors are not in the basis. Residuals of pairs on `States` lie in the basis as well, where P(λ) has
+    another inverse: ‖r‖ ‖l‖ times its norm without the pairs inside the contour is added.
+
+    `images` (p + 1, d, r) of the basis by A and by the terms are real rows of their lengths and angles, but for what is too small
+    to matter; in single precision where that is so for its rounding.
     """
 
     images: Array

@@ -111,6 +111,23 @@ class Spaces(NamedTuple):
                    (Z @ np.linalg.solve(G.conj().T, X.conj().T @ b(middle.left, M.T))).real)
 
 
+class Norms(NamedTuple):
+    """Norms (j,) of an inverse at some λ (j,): at others that at the nearest of these, 0 where there is none."""
+
+    at: Array = np.zeros(0, dtype=complex)
+    size: Array = np.zeros(0)
+
+    def __call__(self, lam: Array) -> Array:
+        if not len(self.at):
+            return np.zeros(len(lam))
+        return np.asarray(self.size[np.abs(lam[:, None] - self.at).argmin(axis=1)])
+
+    def joined(self, other: Norms) -> Norms:
+        """Those at other values of the parameters as well: at each λ the larger one."""
+        sizes = np.maximum(self.size, other(self.at)), np.maximum(other.size, self(other.at))
+        return Norms(np.append(self.at, other.at), np.concatenate(sizes))
+
+
 @dataclass(frozen=True)
 class States:
     """X_e and Z_e (m, 2d, k) of some products T_e of the parameters, in a unit of λ; `given` are parameters with a value."""
@@ -120,7 +137,7 @@ class States:
     left: Array
     unit: float
     given: Mapping[str, float] = field(default_factory=dict)
-    doubt: float = 1.0  #: by which a pair of `pairs` may be farther off than its size tells
+    inverse: Norms = field(default_factory=Norms)  #: `inverse_beside` the pairs inside, of the whole problem
 
     @classmethod
     def of(cls, over: Polynomials, spaces: Sequence[Spaces], unit: float) -> States:
@@ -185,6 +202,30 @@ def improved(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
     return value, right, left
 
 
+def residuals(matrices: Matrices, lam: Array, x: Array, z: Array) -> Array:
+    """‖P(λ)x‖ ‖P(λ)ᴴz‖ of each pair (k,)."""
+    size, k = np.ones(len(lam)), len(lam)
+    for s, part, parts in ((lam, x, matrices), (lam.conj(), z, [A.T for A in matrices])):
+        K, D, M = (A @ np.hstack([part.real, part.imag]) for A in parts)
+        K, D, M = (image[:, :k] + 1j * image[:, k:] for image in (K, D, M))
+        size *= np.linalg.norm(K + s * (D + s * M), axis=0)
+    return size
+
+
+def inverse_beside(at: Array, lam: Array, x: Array, z: Array, steps: int = 20) -> Norms:
+    """‖Σ x_j z_jᴴ / (λ_j - λ)‖ for each λ in `at`, by power iteration: the norm of P(λ)⁻¹ without some pairs.
+
+    The others are λ (k,), x and z (d, k) with |zᴴP'(λ)x| = 1. If a contour separates both, the sum is analytic inside.
+    """
+    weights, square = 1 / (lam[:, None] - at), np.ones(len(at))
+    y: Array = np.random.default_rng(0).standard_normal((len(x), len(at)))
+    for _ in range(steps):
+        image = x @ (weights * (z.conj().T @ (y / np.where(square > 0, square, 1.0))))
+        y = z @ (weights.conj() * (x.conj().T @ image))
+        square = np.linalg.norm(y, axis=0)
+    return Norms(at, np.sqrt(square))
+
+
 def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
     """`settled` after a step of inverse iteration on both sides, one factor for each pair."""
     K, D, M = matrices
@@ -205,7 +246,7 @@ def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside
         except la.LinAlgError:
             found = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
         lam, x, z = settled(matrices, *found)
-        size = states.doubt * sizes(lam, x, z)
+        size = sizes(lam, x, z) + states.inverse(lam) * residuals(matrices, lam, x, z)
         # half of the tolerance: radii may grow by what a new value shows
         return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number), found[0]
 
