@@ -1,7 +1,15 @@
 __version__: str
 __all__: list[str]
 
-from . import algebra as algebra, components as components, coupling as coupling, io as io, modes as modes, motion as motion, reduction as reduction
+from . import (
+    algebra as algebra,
+    components as components,
+    coupling as coupling,
+    io as io,
+    modes as modes,
+    motion as motion,
+    reduction as reduction,
+)
 from .app.grammar import Scene as Scene
 from .components.beam import beam as beam
 from .components.chain import chain as chain, chain_frequencies as chain_frequencies
