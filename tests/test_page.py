@@ -75,7 +75,7 @@ def test_a_scene_that_does_not_ask_loads_and_writes_nothing(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_the_page_changes_no_result(tmp_path: Path, folders: dict[str, Path]) -> None:
-    scene = scene_file(tmp_path, "chain")
+    scene = scene_file(tmp_path, "chain", asked("chain").replace("page = true\n", ""))
     assert main(["run", "-q", scene, "--no-figures", "--out", str(tmp_path / "out")]) == 0
     without, told = results(tmp_path / "out"), results(folders["chain"])
     assert set(told["written"]) - set(without["written"]) == {page.PAGE_FILE, MODE_FILE}

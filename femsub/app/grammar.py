@@ -139,6 +139,10 @@ def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> 
                                        for one, own in value.items()}
         else:
             found[name] = _over(old, value, [])
+    # own matrices in place of those of the scene have parameters of their own: the scene's are left out if nothing has their name
+    words = set(re.findall(r"\w+", repr({name: value for name, value in found.items() if name != "parameter"})))
+    if isinstance(several := found.get("parameter"), Mapping) and isinstance(own := table.get("parameter", {}), Mapping):
+        found["parameter"] = {name: value for name, value in several.items() if name in own or name in words}
     return found
 
 

@@ -11,7 +11,7 @@ import femsub as fs
 from femsub import ReducedSubstructure, studies
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, Verdict, column, label, span
+from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
 from femsub.errors import InputError, first_few
 
 if TYPE_CHECKING:
@@ -52,6 +52,10 @@ class CriticalAsk(Ask):
             check_factors(scene, self, self.critical, range_of(scene, self.critical, self.between))
         elif not any(type(one).KIND == "belt" for one in scene.contacts.values()):
             raise InputError("between is missing: only the slope of a belt has no range")
+        for path in self.vary if self.by_slope else ():
+            if path.startswith("contact.") and path.rpartition(".")[2] in ("speed", "slope", "law", "eps"):
+                raise InputError(f"vary: {path!r} changes nothing, since the slope dμ/dv itself is sought. Take 'force', or another "
+                                 "critical parameter")
 
     def run(self, models: Models) -> Result:
         rows, crossings, lost = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
@@ -80,6 +84,9 @@ class CriticalAsk(Ask):
                              f"what oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
             shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
+            shown.append(Remark([f"Of the full model, the critical {self.said} is {row['value']:.6g}, at {row['omega']:.6g} rad/time."
+                                 for row in rows if row["model"] == "full" and np.isfinite(row["value"])][:1]
+                                if not (self.by_slope or names) else []))
         if crossings:
             several = len(crossings) != len({(row["model"], *(row[name] for name in names)) for row in crossings})
             columns = [*names, *([] if models.pencil else ["model", "size"]), column("stability", form="s"),

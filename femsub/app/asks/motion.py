@@ -53,7 +53,7 @@ class MotionAsk(Ask):
     impulse: float = key(1e-3, "the blow on the first port under a contact with which each model leaves its sliding equilibrium",
                          unit="force·time")
     observe: str = key("", "the place whose velocity is shown, 'part.port'", otherwise="the first port under a contact")
-    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0, otherwise="a fiftieth of the time")
+    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0, otherwise="a fiftieth of the time, ten periods of the strongest frequency at least")
     tol: float = key(1e-7, "error control of the integration (femsub.transient)", above=0)
     models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
     show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ "
@@ -95,6 +95,9 @@ class MotionAsk(Ask):
                    column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
         seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
                 for row in rows if row["rms"] is not None and len(row["peaks"])]
+        seen += [f"{named(row['model'], row['size'])} moves most above its cut-off, {row['cutoff']:.5g} rad/time. The reduction "
+                 "makes this motion; take more modes." for row in rows if row["peaks"] is not None and len(row["peaks"])
+                 and row["peaks"][0] > row["cutoff"]]
         shown: list[Any] = [
             f"Velocity at {place}, from a blow of {self.impulse:g}", Table(
                 "motion", rows, columns, "Models in time", 2, "the run, or its window, was too short"),
@@ -106,7 +109,7 @@ class MotionAsk(Ask):
         for name in self.show:
             models.say(f"motion, {name}")
             part: Result = getattr(self, name)(models, tracks)
-            found = Result(found.data | part.data, [*found.shown, *([""] if part.shown else []), *part.shown])
+            found = Result(found.data | part.data, [*found.shown, *([""] if any(isinstance(one, str) for one in part.shown) else []), *part.shown])
         return found
 
     def track(self, models: Models, one: Known) -> Track:
@@ -114,7 +117,8 @@ class MotionAsk(Ask):
         run, window, _ = self.long_run(models, one)
         place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
         v = run.velocity(place)
-        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "window": list(window), "rms": None, "peaks": None,
+        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "cutoff": getattr(one.model, "cutoff", np.inf), "window": list(window),
+                               "rms": None, "peaks": None,
                                "heights": None, "sticking": None, "energy_residual": run.energy.residual,
                                "steps": run.effort.steps,
                                "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
@@ -215,7 +219,9 @@ class MotionAsk(Ask):
     def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Short-time spectra of the whole runs, on one scale."""
         unit = self.unit(models)[0] if self.in_periods else 1.0
-        length = self.length * unit or (self.motion[1] - self.motion[0]) * unit / 50
+        whole_time = (self.motion[1] - self.motion[0]) * unit
+        lowest = min((peaks[0] for item in tracks if (peaks := strongest(item.row["peaks"]))), default=np.inf)
+        length = self.length * unit or max(whole_time / 50, min(20 * np.pi / lowest, whole_time / 4))
         made = [(item, fs.spectrogram(item.run.t, item.v, length)) for item in tracks
                 if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
         rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,

@@ -79,6 +79,8 @@ class Part(Kind):
 
     def check_port(self, name: str, port: str) -> None:
         """Refuses a port that the part `name` does not have, as far as that is known before its files are read."""
+        if not self.port_names:
+            raise InputError(f"{name!r} has no port {port!r}. Give it one in [part.{name}], by ports")
         if port not in self.port_names:
             raise unknown_name(f"port of {name!r}", port, self.port_names)
 
