@@ -290,7 +290,7 @@ OF_BEAM, OF_DISC = 'scene = "beam"\n[part.beam]\n', 'scene = "solid"\n[part.disc
     (FILE.replace("mesh.vtu", "tangled.vtu"), "tangled or flat"),
     (FILE.replace("mesh.vtu", "none.vtu"), "there is no file "),
     (FILE.replace("mesh.vtu", "short.vtu"), "cannot be read as a mesh"),
-    (FILE.replace('ports = {belt = ["top", "y"]}\n', ""), "contact.belt.belt: unknown port of 'part' 'belt'"),
+    (FILE.replace('ports = {belt = ["top", "y"]}\n', ""), "contact.belt.belt: 'part' has no port 'belt'"),
     (FILE.replace('"steel"\nsupports', '{a = "steel"}\nsupports'), "'a'"),
     (OF_DISC + "solid = {radii = [0.1], thickness = 0.01}", "radii: it must be [inner, outer]"),
     (OF_DISC + 'ports = {belt = ["contact", "up"]}', "unknown direction"),

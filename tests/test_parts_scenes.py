@@ -269,7 +269,7 @@ def test_own_parts_with_friction_tell_the_error_of_the_critical_mu(tmp_path: Pat
     (("[part.back]", "[part.ground]"), "other than 'ground'"),
     (('M = "front-M.mtx", ', ""), "part.front.matrices: the key 'M' is missing"),
     (('back = "full"', 'back = "ful"'), "did you mean 'full'"),
-    (('belt = "front.belt"', 'belt = "back.belt"'), "unknown port of 'back' 'belt'"),
+    (('belt = "front.belt"', 'belt = "back.belt"'), "'back' has no port 'belt'"),
     (('belt = "front.belt"', 'belt = "bck.belt"'), "unknown part 'bck'; did you mean 'back'"),
     (('spring = ["front:0", "ground"]\nstiffness = 0.5', 'tied = ["front:0", "ground"]'), "glue joins surfaces of meshes"),
     (("interface = 0\n", ""), "line 9: joint 1: 'back' has no interface"),

@@ -51,6 +51,29 @@ def mutated(text: str, rng: random.Random) -> tuple[str, int, str]:
             return f"{text}\n[part.lone]\nchain = 3\n", len(lines) + 1, "joined to nothing"
 
 
+@pytest.mark.parametrize(("text", "words"), [
+    ('scene = "chain"\n[[ask]]\ncompare = []\n', "line 3: ask 1.compare: it is an empty list. Give one at least of growth"),
+    ('scene = "chain"\n[[ask]]\ncritical = "slope"\nvary = {"contact.belt.speed" = [1.0, 2.0]}\n',
+     "vary: 'contact.belt.speed' changes nothing, since the slope"),
+    ('[part.rod]\nmatrices = {M = "M.mtx", K = "K.mtx"}\n[contact.rub]\nbelt = "rod.there"\nforce = 1.0\nspeed = 1.0\n[[ask]]\n'
+     'critical = "slope"\n', r"'rod' has no port 'there'. Give it one in \[part.rod\], by ports"),
+])
+def test_what_would_do_nothing_is_refused_with_what_to_do(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "my.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        Scene.from_file(tmp_path / "my.toml")
+
+
+def test_own_matrices_in_a_built_in_scene_have_parameters_of_their_own(tmp_path: Path) -> None:
+    """A file cannot take away a table of the scene that it begins with."""
+    (tmp_path / "my.toml").write_text(
+        'scene = "affine"\n[part.disc]\naffine.M = {matrix = [[1.0]]}\naffine.D = {matrix = [[1.0]], factor = "p"}\n'
+        'affine.K = {matrix = [[2.0]]}\n[parameter.p]\nbetween = [-1.0, 2.0]\n[[ask]]\ncritical = "p"\n', encoding="utf-8")
+    assert set(Scene.from_file(tmp_path / "my.toml").parameters) == {"p"}
+    (tmp_path / "my.toml").write_text('scene = "affine"\n[parameter.mu]\nvalue = 0.2\n', encoding="utf-8")
+    assert set(Scene.from_file(tmp_path / "my.toml").parameters) == {"speed", "mu"}
+
+
 @pytest.mark.parametrize("name", SCENES)
 def test_a_mutated_scene_is_refused_with_its_line(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def computed(*_: object) -> None:

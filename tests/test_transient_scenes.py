@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse as sp
 
 import femsub as fs
 from femsub.app.cli import main
@@ -231,3 +233,21 @@ def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypat
     rows = Scene.from_file(scene_file(tmp_path, text)).run(lambda _: None).data["compare-motion"]["rows"]
     small = rows[1]["size"]
     assert runs == [small, rows[0]["size"], small, small]
+
+
+def test_a_motion_that_the_reduction_makes_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its strongest line lies above the cut-off: there `critical` refuses, and a trajectory must not pass for an answer."""
+    K = sp.diags([2.0, -1.0, -1.0], [0, 1, -1], shape=(6, 6))
+    scipy.io.mmwrite(tmp_path / "M.mtx", sp.eye(6).tocoo())
+    scipy.io.mmwrite(tmp_path / "K.mtx", K.tocoo())
+    (tmp_path / "my.toml").write_text(
+        '[part.mine]\nmatrices = {M = "M.mtx", K = "K.mtx"}\nrayleigh = [0.01, 0.001]\nports = {rub = [3]}\n[contact.belt]\n'
+        'belt = "mine.rub"\nforce = 1\nspeed = 0.2\n[reduce]\nmethods = ["HCB"]\nmodes = [3]\n[[ask]]\nmotion = [0, 100]\n',
+        encoding="utf-8")
+    assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
+    found = json.loads((tmp_path / "out" / "results.json").read_text())
+    full, reduced = found["motion"]["models"]
+    assert reduced["peaks"][0] > reduced["cutoff"] and reduced["rms"] > 5 * full["rms"]
+    assert "Craig-Bampton (4 DOF) moves most above its cut-off" in " ".join(capsys.readouterr().out.split())
+    # the spectrogram's windows are long enough to see the lowest of the strongest frequencies, or a quarter of the time
+    assert found["motion-spectrogram"]["length"] == pytest.approx(25.0)

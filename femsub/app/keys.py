@@ -212,8 +212,10 @@ def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hert
 def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz: bool) -> Any:
     """A value of the type, and within the bounds, of its key."""
     if value == [] and any(map(item_kind, kinds(one.type))):
-        raise InputError("it is an empty list. " + ("Leave the key out to take its default" if place[-1] != getattr(
-            owner, "KIND", "") else f"Give one at least of {', '.join(one.choices(owner))}" if one.choices else f"Give {one.meaning}"))
+        if place[-1] != getattr(owner, "KIND", None):
+            raise InputError("it is an empty list. Leave the key out to take its default")
+        wanted = f"one at least of {', '.join(one.choices(owner))}" if one.choices else one.meaning
+        raise InputError(f"it is an empty list. Give {wanted}")
     if one.in_hertz and isinstance(value, list):
         value = [in_radians(end, hertz) for end in value]
     elif one.unit.startswith("rad/") and isinstance(value, str):

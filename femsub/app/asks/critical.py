@@ -54,8 +54,8 @@ class CriticalAsk(Ask):
             raise InputError("between is missing: only the slope of a belt has no range")
         for path in self.vary if self.by_slope else ():
             if path.startswith("contact.") and path.rpartition(".")[2] in ("speed", "slope", "law", "eps"):
-                raise InputError(f"vary: {path!r} changes nothing, since the slope dμ/dv itself is sought. Take 'force', or another "
-                                 "critical parameter")
+                raise InputError(f"vary: {path!r} changes nothing, since the slope dμ/dv itself is sought. Take 'force', or "
+                                 "another critical parameter")
 
     def run(self, models: Models) -> Result:
         rows, crossings, lost = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
@@ -84,9 +84,9 @@ class CriticalAsk(Ask):
                              f"what oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
             shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
-            shown.append(Remark([f"Of the full model, the critical {self.said} is {row['value']:.6g}, at {row['omega']:.6g} rad/time."
-                                 for row in rows if row["model"] == "full" and np.isfinite(row["value"])][:1]
-                                if not (self.by_slope or names) else []))
+            if not (self.by_slope or names):
+                shown.append(Remark([f"Of the full model, the critical {self.said} is {row['value']:.6g}, at {row['omega']:.6g} "
+                                     "rad/time." for row in rows if row["model"] == "full" and np.isfinite(row["value"])]))
         if crossings:
             several = len(crossings) != len({(row["model"], *(row[name] for name in names)) for row in crossings})
             columns = [*names, *([] if models.pencil else ["model", "size"]), column("stability", form="s"),

@@ -53,7 +53,8 @@ class MotionAsk(Ask):
     impulse: float = key(1e-3, "the blow on the first port under a contact with which each model leaves its sliding equilibrium",
                          unit="force·time")
     observe: str = key("", "the place whose velocity is shown, 'part.port'", otherwise="the first port under a contact")
-    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0, otherwise="a fiftieth of the time, ten periods of the strongest frequency at least")
+    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0,
+                        otherwise="a fiftieth of the time, ten periods of the strongest frequency at least")
     tol: float = key(1e-7, "error control of the integration (femsub.transient)", above=0)
     models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
     show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ "
@@ -109,7 +110,8 @@ class MotionAsk(Ask):
         for name in self.show:
             models.say(f"motion, {name}")
             part: Result = getattr(self, name)(models, tracks)
-            found = Result(found.data | part.data, [*found.shown, *([""] if any(isinstance(one, str) for one in part.shown) else []), *part.shown])
+            apart = [""] * any(isinstance(one, str) for one in part.shown)
+            found = Result(found.data | part.data, [*found.shown, *apart, *part.shown])
         return found
 
     def track(self, models: Models, one: Known) -> Track:
@@ -117,10 +119,9 @@ class MotionAsk(Ask):
         run, window, _ = self.long_run(models, one)
         place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
         v = run.velocity(place)
-        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "cutoff": getattr(one.model, "cutoff", np.inf), "window": list(window),
-                               "rms": None, "peaks": None,
-                               "heights": None, "sticking": None, "energy_residual": run.energy.residual,
-                               "steps": run.effort.steps,
+        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "cutoff": getattr(one.model, "cutoff", np.inf),
+                               "window": list(window), "rms": None, "peaks": None, "heights": None, "sticking": None,
+                               "energy_residual": run.energy.residual, "steps": run.effort.steps,
                                "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
         inside, seen = (run.t >= window[0]) & (run.t <= window[1]), None
         if run.complete and inside.sum() > 64:
