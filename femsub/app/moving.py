@@ -14,11 +14,10 @@ import numpy as np
 from femsub.checks import Array
 from femsub.components import boundary_faces, corner_nodes
 from femsub.errors import InputError
-from femsub.io import read_arrays
+from femsub.io import Writer, read_arrays
 
 if TYPE_CHECKING:
     from femsub import Mesh
-    from femsub.app.scene import Writer
 
 MODE_FILE = "mode.npz"
 MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes

@@ -15,7 +15,8 @@ from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, c
 from femsub.stability import critical_slope, first_value, pencil_over
 
 UNKNOWN = ("stability is lost beyond {} = {:.6g}, at a place that is not known: more modes grow there, but none was found to "
-           "cross. A growing mode may come into the band at its edge. Move the ends of the band")
+           "cross. Modes without any damping may have met on the axis: give damping. Or a growing mode came into the band at its "
+           "edge: move the ends of the band")
 
 
 class Loss(NamedTuple):
