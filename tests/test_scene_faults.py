@@ -55,6 +55,8 @@ def mutated(text: str, rng: random.Random) -> tuple[str, int, str]:
     ('scene = "chain"\n[[ask]]\ncompare = []\n', "line 3: ask 1.compare: it is an empty list. Give one at least of growth"),
     ('scene = "chain"\n[[ask]]\ncritical = "slope"\nvary = {"contact.belt.speed" = [1.0, 2.0]}\n',
      "vary: 'contact.belt.speed' changes nothing, since the slope"),
+    *((f'scene = "chain"\n[contact.belt]\nslope = -0.1\n[[ask]]\n{ask}\n', "line 4: ask 1: contact belt: the nonlinear model")
+      for ask in ("motion = [0, 10]", "compare-motion = 12.0", "cycles = 1", 'branch = "force"')),
     ('[part.rod]\nmatrices = {M = "M.mtx", K = "K.mtx"}\n[contact.rub]\nbelt = "rod.there"\nforce = 1.0\nspeed = 1.0\n[[ask]]\n'
      'critical = "slope"\n', r"'rod' has no port 'there'. Give it one in \[part.rod\], by ports"),
 ])

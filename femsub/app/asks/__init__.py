@@ -35,6 +35,7 @@ class Ask(Kind):
     alone: ClassVar[bool] = False  #: whether a scene without a part may ask it
     NEEDS: ClassVar[tuple[str, ...]] = ()  #: of 'contact', 'belt', 'reduce', 'parts', 'place': what the scene must have
     PENCIL: ClassVar[bool] = False  #: whether it can be asked of a pencil of matrices
+    NONLINEAR: ClassVar[bool] = False  #: whether contacts must have their law, not a slope alone
 
     @property
     def title(self) -> str:
@@ -67,6 +68,11 @@ class Ask(Kind):
                                      "several parts")}[need]
             if not there:
                 raise InputError(f"{self.KIND} needs {what}")
+        for name, one in scene.contacts.items() if self.NONLINEAR else ():
+            try:
+                one.check_nonlinear()
+            except InputError as error:
+                raise InputError(f"contact {name}: {error}") from None
 
     def parts_named(self) -> Iterable[str]:
         """Parts that it names, so that they need not be joined to others."""

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from femsub import Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Remark, Result, Table, column
 
 MODEL = "model.json"  # of a folder of write_matrices
 EXAMPLE, PARTS = "example", "parts"

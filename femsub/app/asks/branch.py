@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from femsub import Belt, Branch, Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, Table, column, label, studies
     from femsub.checks import Array
 
 

@@ -14,7 +14,6 @@ from femsub.app.result import Remark, Result
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Remark, Result
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from femsub.checks import NOT_CHECKED
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, Table, column, studies
 
 
 ERRORS = ("growth", "critical", "held", "response")

@@ -15,7 +15,6 @@ from femsub.checks import Interruptible
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)

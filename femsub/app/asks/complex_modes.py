@@ -16,12 +16,10 @@ from femsub.app.shapes import complex_pictures, page_mode, pictures, turned, vtu
 from femsub.model import in_band
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from femsub import ComplexModes
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Result, Shown
+    from femsub.app.result import Shown
 
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
 NO_GROWTH = "no eigenvalue up to ω"

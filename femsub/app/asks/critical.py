@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Result, Shown
+    from femsub.app.result import Shown
 
 
 @dataclass(frozen=True)

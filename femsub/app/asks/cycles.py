@@ -16,9 +16,7 @@ from femsub.errors import InputError, NoCycleError, NotConvergedError
 
 if TYPE_CHECKING:
     from femsub import Substructure
-    from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)
@@ -33,20 +31,12 @@ class CyclesAsk(Ask):
 
     KIND: ClassVar[str] = "cycles"
     NEEDS: ClassVar[tuple[str, ...]] = ("belt",)
+    NONLINEAR: ClassVar[bool] = True
 
     @property
     def families(self) -> int:
         """The number of modes."""
         return self.cycles
-
-    def check(self, scene: Scene) -> None:
-        super().check(scene)
-        for name, one in scene.contacts.items():
-            if hasattr(one, "check_nonlinear"):
-                try:
-                    one.check_nonlinear()
-                except InputError as error:
-                    raise InputError(f"contact {name}: {error}") from None
 
     def ordered(self, models: Models) -> list[Known]:
         """Small models first: large ones start from the others' cycles. Of each method the model with the most modes."""

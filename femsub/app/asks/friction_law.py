@@ -14,7 +14,6 @@ from femsub.app.result import Result, studies
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result, studies
 
 
 @dataclass(frozen=True)

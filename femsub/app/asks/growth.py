@@ -16,7 +16,6 @@ from femsub.errors import InputError
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, studies
 
 
 @dataclass(frozen=True)

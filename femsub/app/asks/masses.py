@@ -12,7 +12,6 @@ from femsub.app.result import Result
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result
 
 
 @dataclass(frozen=True)

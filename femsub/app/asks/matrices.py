@@ -14,7 +14,6 @@ from femsub.io import FORMATS, model_files
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result
 
 
 @dataclass(frozen=True)

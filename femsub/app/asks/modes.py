@@ -15,7 +15,7 @@ from femsub.app.shapes import pictures
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result, Shown
+    from femsub.app.result import Shown
 
 
 @dataclass(frozen=True)

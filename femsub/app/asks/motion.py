@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from femsub import ComplexModes, Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
     from femsub.motion import Spectrum
 
 SHOW = ("growth", "quality", "signals", "spectrum", "spectrogram")
@@ -62,15 +61,10 @@ class MotionAsk(Ask):
 
     KIND: ClassVar[str] = "motion"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
+    NONLINEAR: ClassVar[bool] = True
 
     def check(self, scene: Scene) -> None:
         super().check(scene)
-        for name, one in scene.contacts.items():
-            if hasattr(one, "check_nonlinear"):
-                try:
-                    one.check_nonlinear()
-                except InputError as error:
-                    raise InputError(f"contact {name}: {error}") from None
         if self.observe:
             part, _, port = self.observe.partition(".")
             if part not in scene.parts:

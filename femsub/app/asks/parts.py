@@ -17,7 +17,6 @@ from femsub.app.shapes import vtu
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Result
 
 
 @dataclass(frozen=True)

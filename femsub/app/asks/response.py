@@ -16,7 +16,6 @@ from femsub.errors import InputError, unknown_name
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Advice, Result, Table, column, label, studies
 
 
 @dataclass(frozen=True)

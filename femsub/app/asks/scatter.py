@@ -15,7 +15,6 @@ from femsub.app.result import Result, studies
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, studies
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from femsub.app.result import Result, Table, column
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, Table, column
 
 
 @dataclass(frozen=True)

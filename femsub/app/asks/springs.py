@@ -18,7 +18,6 @@ from femsub.errors import InputError, PortWarning
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
-    from femsub.app.result import Result, Table, column, studies
 
 
 @dataclass(frozen=True)

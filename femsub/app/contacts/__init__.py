@@ -27,6 +27,9 @@ class ContactKind(LinkKind):
         """What may change in an analysis."""
         return []
 
+    def check_nonlinear(self) -> None:
+        """Refuses a contact that is linear alone, where motion in time is asked for."""
+
     def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
         """The contact; `port` gives the name that a place has in the model, `surfaces` are those of the model."""
         raise NotImplementedError
