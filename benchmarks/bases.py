@@ -46,7 +46,7 @@ from benchmarks.processes import Row, StoppedError, Worker, begin, fresh, machin
 from femsub.algebra.petsc import has_cholmod
 from femsub.app import report
 from femsub.app.result import Result
-from femsub.studies.tables import Table, table
+from femsub.output import Table, table
 
 STEEL = (2.1e11, 0.3, 7850.0)
 BLOCKS = {"slab": ((1.0, 0.6, 0.06), "hexahedron"), "bulk": ((1.0, 0.5, 0.25), "hexahedron20")}

@@ -52,7 +52,7 @@ from benchmarks.judges import (
 from benchmarks.processes import Row, StoppedError, Worker, begin
 from femsub.app import report
 from femsub.app.result import Result
-from femsub.studies.tables import Table
+from femsub.output import Table
 
 BACKWARD, ORTHOGONAL = 1e-9, 1e-8  # a backward error above the first is warned of by femsub itself
 FIGURES = ("error", "bound", "ratio", "backward", "orthogonality", "condition", "missed")

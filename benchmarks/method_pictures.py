@@ -19,8 +19,8 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.pictures import draw_all
-from femsub.app.figure_style import new_figure
 from femsub.checks import Array
+from femsub.output import new_figure
 
 STIFFNESS = 48 * 2.1e11 * 1e-8  # k₀ = 48 EI/L³, that of the beam on two supports against a force in the middle
 THREE = {"left": [0], "middle": [32], "right": [80]}

@@ -26,11 +26,9 @@ import femsub as fs
 from benchmarks.attacks.boxes import spectrum
 from benchmarks.pictures import save
 from benchmarks.processes import begin
-from femsub.app.figure_style import draw
 from femsub.checks import Array
 from femsub.model import in_band
-from femsub.studies.charts import Chart, Panel, Series
-from femsub.studies.tables import table
+from femsub.output import Chart, Panel, Series, draw, table
 
 SPEEDS = np.linspace(2 * np.pi, 8 * np.pi, 50)
 BAND = (0.0, 2e4)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import UsageError
-from femsub.app.figure_style import render
+from femsub.output import render
 
 ROOT = Path(__file__).resolve().parents[1]
 NUMBERS = "numbers.json"  # in the folder of a script's pictures: what they show, by their names

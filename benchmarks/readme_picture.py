@@ -17,10 +17,10 @@ import numpy as np
 
 import femsub as fs
 from benchmarks.pictures import save
-from femsub.app.figure_style import PAGE, draw_panel, legend_below, new_figure
-from femsub.app.figures import PARTS, draw_solid, triad
 from femsub.app.grammar import Scene
-from femsub.studies import flutter_chart
+from femsub.components.pictures import PARTS, draw_solid, triad
+from femsub.output import PAGE, draw_panel, legend_below, new_figure
+from femsub.stability import flutter_chart
 
 
 def figure(count: int = 141) -> Any:

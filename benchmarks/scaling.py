@@ -29,10 +29,8 @@ from benchmarks import UsageError
 from benchmarks.pictures import save
 from benchmarks.processes import Row, StoppedError, begin, fresh, machine, peak_mb, warm_up
 from femsub.app import report
-from femsub.app.figure_style import draw
 from femsub.app.result import Result
-from femsub.studies.charts import Chart, Panel, Series
-from femsub.studies.tables import Table, table
+from femsub.output import Chart, Panel, Series, Table, draw, table
 
 # ---- the components: the chain has unit masses and springs and a dashpot; the others are of steel, in m, kg and s, without
 # damping, and their belt takes so little (damping ratios of about 1e-6) that it moves no frequency by more than 1e-12

@@ -20,9 +20,8 @@ import femsub as fs
 from benchmarks.attacks.common import dense
 from benchmarks.pages import blocks_of
 from benchmarks.pictures import draw_all
-from femsub.app.figure_style import draw, new_figure
-from femsub.app.figures import shapes_figure
-from femsub.studies.charts import Chart, Level, Panel, Series, look
+from femsub.components.pictures import shapes_figure
+from femsub.output import Chart, Level, Panel, Series, draw, look, new_figure
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.bases import COMPONENTS, NAMES, REFERENCE
 from benchmarks.pictures import plain, save
 from benchmarks.processes import Row
-from femsub.app.figure_style import PAGE, few_decades, legend_below, new_figure
+from femsub.output import PAGE, few_decades, legend_below, new_figure
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "benchmarks" / "data" / "users.json"

@@ -8,6 +8,7 @@ from . import (
     io as io,
     modes as modes,
     motion as motion,
+    output as output,
     reduction as reduction,
 )
 from .app.grammar import Scene as Scene
@@ -65,9 +66,11 @@ from .model.pencil import Pencil as Pencil
 from .model.substructure import ReducedSubstructure as ReducedSubstructure, Substructure as Substructure
 from .modes.damping import damped as damped, equivalent_viscous as equivalent_viscous
 from .modes.frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
+from .modes.mode_cards import ModeCard as ModeCard, mode_cards as mode_cards
 from .modes.mode_names import ModeName as ModeName, mode_names as mode_names
 from .modes.mode_set import ModeSet as ModeSet
 from .modes.normal_modes import NormalModes as NormalModes, normal_modes as normal_modes
+from .modes.participation import EffectiveMasses as EffectiveMasses, effective_masses as effective_masses
 from .modes.quadratic.complex_modes import ComplexModes as ComplexModes, complex_modes as complex_modes
 from .modes.quadratic.refinement import Refined as Refined, refine as refine
 from .modes.receptance import FrequencyResponse as FrequencyResponse, frequency_response as frequency_response
@@ -81,9 +84,8 @@ from .motion.signals import (
     rms as rms,
     spectrogram as spectrogram,
     spectrum as spectrum,
-    sticking as sticking,
 )
-from .motion.transient import Transient as Transient, transient as transient
+from .motion.transient import Transient as Transient, sticking as sticking, transient as transient
 from .reduction.estimates.joined import system_estimate as system_estimate
 from .reduction.frequency_bounds import FrequencyBounds as FrequencyBounds, frequency_bounds as frequency_bounds
 from .reduction.levels import Levels as Levels, reduce_by_levels as reduce_by_levels
@@ -111,7 +113,5 @@ from .stability.sweep import StabilitySweep as StabilitySweep, sweep as sweep
 from .stability.tracking import Tracked as Tracked, track as track
 from .studies.audit import Audit as Audit, audit as audit
 from .studies.error_vs_time import study as study
-from .studies.mode_cards import ModeCard as ModeCard, mode_cards as mode_cards
-from .studies.participation import EffectiveMasses as EffectiveMasses, effective_masses as effective_masses
 from .studies.results import Study as Study
 from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

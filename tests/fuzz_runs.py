@@ -25,7 +25,7 @@ from femsub.app.record import Record
 from femsub.app.report import output_folder
 from femsub.app.result import Result
 from femsub.errors import FemsubError
-from femsub.studies import Table
+from femsub.output import Table
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")
 KEYS = (b"scene", b"name", b"chain", b"modes", b"band", b"[[ask]]", b"methods", b"slope", b"M", b"K", b"[part.a]", b"[[joint]]",

@@ -10,8 +10,8 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.figures import _far_to_near
 from femsub.app.grammar import Scene
+from femsub.components.pictures import _far_to_near
 
 POSTS = [f"post{i}" for i in range(1, 5)]
 GLUED = [*POSTS, "carrier", "pad"]  # those whose lower face lies within another part's upper one

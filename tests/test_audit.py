@@ -456,7 +456,7 @@ def test_odd_matrices_are_answered(at: int) -> None:
     small = fs.Substructure(np.eye(5), 2 * np.eye(5) - np.eye(5, k=1) - np.eye(5, k=-1), interface=[0])
     for whole in (None, small):
         found = fs.audit(ODD[at], whole, floating=True, units="SI", mass=2.0)
-        assert found.text and found.chart and json.dumps(found.record(), allow_nan=False)
+        assert found.text and found.chart() and json.dumps(found.record(), allow_nan=False)
 
 
 def test_a_pencil_and_a_full_model_can_be_audited() -> None:

@@ -13,11 +13,11 @@ from brakescene import PADS, brake_models
 from scipy.sparse.linalg import splu
 
 import femsub as fs
-from femsub.app.figure_style import draw
 from femsub.app.models import Models
+from femsub.output import draw
 from femsub.reduction.wider import Wider
 from femsub.stability.changes_tried import _each_modified
-from femsub.studies import changes_chart
+from femsub.stability.charts import changes_chart
 
 BRICKS = fs.block((0.2, 0.02, 0.03), (6, 1, 1))
 BAR = fs.Mesh(BRICKS.points, BRICKS.cells, BRICKS.kind, sets=dict(BRICKS.sets), groups={"root": range(4), "tip": [4, 5]})

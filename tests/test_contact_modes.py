@@ -14,8 +14,8 @@ from femsub.algebra import memory, petsc
 from femsub.checks import Tally
 from femsub.coupling.contacts.friction_contact import FrictionContact
 from femsub.model import contacts_at, family_of
+from femsub.stability.losses import first_loss
 from femsub.stability.question import CriticalValue, LossQuestion
-from femsub.studies.losses import first_loss
 
 BAND = (1e3, 1.2e5)
 
@@ -121,7 +121,7 @@ def test_a_loss_at_a_place_not_known_is_no_critical_value(monkeypatch: pytest.Mo
         question = LossQuestion(asked, contacts, parameter, None, between, BAND)  # type: ignore[arg-type]
         return CriticalValue.of(question, [], [], Tally(0), method="followed", lost=[between[0]], open=[between])
 
-    monkeypatch.setattr("femsub.studies.losses.first_value", found)
+    monkeypatch.setattr("femsub.stability.losses.first_value", found)
     loss = first_loss(pad()[0], at(0.0), "mu", (0.0, 2.0), BAND)
     assert np.isnan(loss.value) and np.isnan(loss.omega) and "beyond mu = 0, at a place that is not known" in loss.reason
 

@@ -13,11 +13,11 @@ import pytest
 import femsub as fs
 from femsub.app.asks.branch import BranchAsk, repeats
 from femsub.app.cli import main
-from femsub.app.figure_style import draw
 from femsub.app.grammar import Scene
 from femsub.motion.cycles.branch import Branch
+from femsub.motion.cycles.branch_chart import bifurcation_chart
 from femsub.motion.cycles.continuation import with_parameter
-from femsub.studies.charts_motion import bifurcation_chart
+from femsub.output import draw
 
 
 def scene_file(folder: Path, text: str) -> str:

@@ -140,4 +140,4 @@ def test_a_comparison_and_a_card_say_how_much_mass_a_mode_moves() -> None:
         one = card.real_modes[0]  # without damping and friction a mode is a real mode
         at = int(np.argmin(np.abs(own.frequencies - one.frequency)))
         assert np.allclose(list(one.mass_shares.values()), own.mass_shares[at, :3], atol=1e-9)
-        assert f"{max(one.mass_shares.values()):.1%}" in card.tables[0].text()
+        assert f"{max(one.mass_shares.values()):.1%}" in card.tables()[0].text()

@@ -175,7 +175,7 @@ def test_only_what_is_asked_is_computed_and_imported(tmp_path: Path, ask: str, t
 
 
 def test_modes_solve_no_quadratic_problem_and_reduce_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.studies import losses
+    from femsub.stability import losses
 
     def never(*_: object, **__: object) -> None:
         raise AssertionError("not asked for")
@@ -350,7 +350,7 @@ def test_cc_wins_on_a_free_interface_and_hcb_on_a_held_one(runs: Runs, name: str
 
 
 def test_critical_slopes_are_sought_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.studies import losses
+    from femsub.stability import losses
 
     sought: list[int] = []
     original = losses.critical_slope

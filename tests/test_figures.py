@@ -11,21 +11,36 @@ import numpy as np
 import pytest
 
 from femsub.app.grammar import Scene
+from femsub.output import KNOWN, WIDTH, Table, fitted, table
 from femsub.reduction.contact_modes import ContactModes
 from femsub.reduction.interface_modes import InterfaceModes
 from femsub.reduction.reduce import METHODS
 from femsub.studies.results import Row, Study, Timing
-from femsub.studies.tables import KNOWN, WIDTH, Table, fitted, table
 
 pytest.importorskip("matplotlib")
 
 from femsub import annulus, rectangle
-from femsub.app.figure_style import MANY, PAGE, SIZES, STYLE, draw, label_points, legend_below, new_figure, render
-from femsub.app.figures import shapes_figure
-from femsub.studies import ROUNDING, Chart, Panel, Series, look
-from femsub.studies.charts_components import eigenvalue_chart, growth_chart, springs_chart
+from femsub.components.pictures import shapes_figure
+from femsub.modes import eigenvalue_chart
+from femsub.motion.charts import envelope
+from femsub.output import (
+    MANY,
+    PAGE,
+    ROUNDING,
+    SIZES,
+    STYLE,
+    Chart,
+    Panel,
+    Series,
+    draw,
+    label_points,
+    legend_below,
+    look,
+    new_figure,
+    render,
+)
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
-from femsub.studies.charts_motion import envelope
+from femsub.studies.charts_models import growth_chart, springs_chart
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),

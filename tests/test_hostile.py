@@ -292,7 +292,7 @@ from dataclasses import dataclass
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.studies import Table
+from femsub.output import Table
 
 @dataclass(frozen=True)
 class One(Ask):

@@ -15,7 +15,7 @@ from brakescene import brake_models
 import femsub as fs
 from femsub.checks import Array
 from femsub.modes import ModeName
-from femsub.studies.mode_cards import ordinal, places_in_families
+from femsub.modes.mode_cards import ordinal, places_in_families
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ from femsub.app.result import Result
 from femsub.checks import installed_by
 from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
-from femsub.studies.charts_components import critical_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart
+from femsub.studies.charts_models import critical_chart
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
 
@@ -284,7 +284,8 @@ from dataclasses import dataclass
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.studies import Chart, Panel, Series, Table, Verdict, column
+from femsub.output import Chart, Panel, Series, Table, column
+from femsub.studies import Verdict
 
 @dataclass(frozen=True)
 class Places(Ask):
@@ -540,7 +541,8 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.studies import Verdict, stability_map_chart, stability_map_tables
+from femsub.stability import stability_map_chart, stability_map_tables
+from femsub.studies import Verdict
 
 @dataclass(frozen=True)
 class Maps(Ask):

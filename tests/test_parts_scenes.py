@@ -406,7 +406,7 @@ def test_figures_of_parts_are_drawn(tmp_path: Path) -> None:
 def test_numbers_at_an_axis_do_not_collide(span: tuple[float, float]) -> None:
     """Within a factor of 5, matplotlib set nine numbers of four digits side by side."""
     pytest.importorskip("matplotlib")
-    from femsub.app.figure_style import few_decades, new_figure
+    from femsub.output import few_decades, new_figure
 
     figure = new_figure(12.4, 6.4)
     axes = figure.subplots(2, 4)

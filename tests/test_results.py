@@ -28,8 +28,7 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.report import commit, table_csv
-from femsub.app.units import SYSTEMS, UNKNOWN
-from femsub.studies.tables import WIDTH
+from femsub.output import SYSTEMS, UNKNOWN, WIDTH
 
 #: beside a model
 VARIED = 'vary = {"part.chain.belt" = [1, 2], "part.chain.interface" = [[1], [1, "belt"]]}\n'
@@ -447,8 +446,8 @@ def test_texts_and_labels_take_the_units(plain: str, said: str) -> None:
 
 def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from femsub.app.figure_style import draw, render
-    from femsub.studies.charts_components import eigenvalue_chart
+    from femsub.modes import eigenvalue_chart
+    from femsub.output import draw, render
 
     models = [{"panel": panel, "eigenvalues": np.array([1j, 2 + 6j]), "above_cutoff": np.zeros(2, bool), "model": "full",
                "error_bar": np.zeros(2), "size": 3} for panel in ("one", "two")]
@@ -466,7 +465,7 @@ def test_figures_have_an_axis_in_hertz(tmp_path: Path) -> None:
 
 def test_each_scale_of_a_figure_has_its_own_axis_in_hertz(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from femsub.app.figure_style import new_figure, render
+    from femsub.output import new_figure, render
 
     figure = new_figure(6.0, 4.0)
     axes = figure.subplots(2, 2)
@@ -480,10 +479,10 @@ def test_each_scale_of_a_figure_has_its_own_axis_in_hertz(tmp_path: Path) -> Non
 
 def test_a_note_stands_at_the_foot_of_the_figures_of_its_ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
-    from femsub.app import figure_style
+    from femsub.output import figures
 
     feet = {}
-    monkeypatch.setattr(figure_style, "render", lambda make, file, units, note="": feet.update({Path(file.name).name: note}))
+    monkeypatch.setattr(figures, "render", lambda make, file, units, note="": feet.update({Path(file.name).name: note}))
     text = '[[ask]]\nfriction-law = [0.1]\nnote = "as Fig. 2"\n[[ask]]\ncritical = "slope"\n' + VARIED
     assert main(["run", scene_file(tmp_path, "chain", text), "--out", str(tmp_path / "out")]) == 0
     assert sorted(note for note in feet.values()) == ["", "as Fig. 2"] and len(feet) == 2

@@ -11,11 +11,11 @@ import pytest
 from scipy import stats
 
 import femsub as fs
-from femsub.app.figure_style import draw
 from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.output import draw
 from femsub.stability.labels import sources_of
 from femsub.stability.leaves import Companion, Middle
-from femsub.studies import scatter_chart, scatter_tables
+from femsub.stability.scatter_chart import scatter_chart, scatter_tables
 
 FIRST, SECOND = 2 * np.pi * 100, 2 * np.pi * 75
 CRITICAL = abs(FIRST**2 - SECOND**2) / (2 * FIRST * SECOND)  # of Hultén's plane model without damping

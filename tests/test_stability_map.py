@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.app.figure_style import draw
+from femsub.output import draw
+from femsub.stability import stability_map_chart, stability_map_tables
 from femsub.stability.margins import between
-from femsub.studies import stability_map_chart, stability_map_tables
 
 D = 0.1  # damping of the pairs below
 SQUARE = {"x": (0.0, 1.0), "y": (0.0, 1.0)}

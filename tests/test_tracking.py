@@ -14,12 +14,12 @@ import femsub as fs
 from benchmarks.attacks.borders import meetings
 from femsub.algebra import factors_made
 from femsub.app.cli import main
-from femsub.app.figure_style import draw
 from femsub.app.grammar import text_of
 from femsub.components import two_mode, two_mode_critical, ziegler, ziegler_critical
 from femsub.modes import match
+from femsub.output import draw
 from femsub.reduction import METHODS
-from femsub.studies.charts_flutter import OTHERS, flutter_chart
+from femsub.stability.flutter_chart import OTHERS, flutter_chart
 
 EYE = np.eye(2)
 

@@ -212,7 +212,7 @@ def _run(options: argparse.Namespace, loaded: Callable[[], Scene], trusted: Sequ
         # Imported late: a scene that is misspelt should not wait for numpy.
         from femsub.app.record import Record
         from femsub.app.report import output_folder, progress, progress_done
-        from femsub.studies import fitted
+        from femsub.output import fitted
 
         if options.no_figures:
             scene = scene.without_figures()

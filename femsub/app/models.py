@@ -15,13 +15,13 @@ import femsub as fs
 from femsub.app.ends import GROUND, End, LinkKind, facing_set
 from femsub.app.methods import FULL
 from femsub.checks import Array
-from femsub.components import node_rows
+from femsub.components import joined_mesh, node_rows
 from femsub.errors import InputError, PortWarning
 from femsub.model import MOTIONS, contacts_at, family_of
 from femsub.modes import beside_the_full
 from femsub.reduction import METHODS, Method
-from femsub.stability import pencil_over
-from femsub.studies import in_words, key_of, reduced_by, with_value
+from femsub.stability import pencil_over, with_value
+from femsub.studies import in_words, key_of, reduced_by
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -477,11 +477,3 @@ class Models:
 def within_room(step: fs.ContactModes, model: Any) -> fs.ContactModes:
     """Contact modes of a model that has been reduced before: at most as many as it has room for."""
     return replace(step, modes=min(step.modes or 0, model.size - 1))
-
-
-def joined_mesh(meshes: Sequence[fs.Mesh], groups: Mapping[str, Array] | None = None) -> fs.Mesh:
-    """Meshes of one kind as one, which share no nodes; `groups` are groups of its cells."""
-    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
-    return fs.Mesh(np.vstack([mesh.points for mesh in meshes]),
-                   np.vstack([mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]), meshes[0].kind,
-                   groups=groups or {})

@@ -21,9 +21,9 @@ from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.report import output_folder, put
 from femsub.app.result import label, studies
-from femsub.app.units import Units
 from femsub.checks import Array, package, unlike
 from femsub.errors import FemsubError, InputError, warn
+from femsub.output import Units
 
 PAGE_FILE = "report.html"
 TEMPLATE = Path(__file__).with_name("page.html")

@@ -20,10 +20,10 @@ import numpy as np
 import femsub
 from femsub.algebra import completed, processors
 from femsub.app.result import Remark, Result, studies
-from femsub.app.units import UNKNOWN, Units
 from femsub.checks import csv_cell, hash_of, is_there, resolved
 from femsub.errors import InputError, printable
 from femsub.io import HASHES, OURS, Writer, hashed, held, summed, write_whole
+from femsub.output import UNKNOWN, Units
 
 
 @contextmanager
@@ -63,7 +63,7 @@ def write(result: Result, folder: Path, figures: bool, name: str = "results", un
     writers: dict[str, Writer] = {f"{file}.csv": partial(table_csv, units.with_hertz(table.filed))
                                   for file, table in result.tables.items()}
     if figures and result.drawings:
-        from femsub.app.figure_style import render
+        from femsub.output import render
 
         writers |= {f"{title}.png": partial(render, draw, units=units, note=(notes or {}).get(title, ""))
                     for title, draw in result.drawings.items()}

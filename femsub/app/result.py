@@ -5,8 +5,6 @@ Kinds take their words from here: `Table`, `column`, `Remark`, and `studies` wit
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,20 +12,26 @@ from html import escape
 from typing import Any, NamedTuple, TypeAlias
 
 from femsub import studies as studies
-from femsub.app.units import UNKNOWN, Units
 from femsub.io import Writer
+from femsub.output import (
+    UNKNOWN,
+    Chart as Chart,
+    Table as Table,
+    Units,
+    column as column,
+    draw,
+    figure_of,
+    label as label,
+    picture,
+    span as span,
+)
 from femsub.studies import (
     NEVER as NEVER,
     Advice as Advice,
-    Chart as Chart,
     Remark as Remark,
-    Table as Table,
     Verdict as Verdict,
-    column as column,
-    label as label,
     named as named,
     sentence as sentence,
-    span as span,
 )
 
 Progress = Callable[[str], None]
@@ -70,27 +74,25 @@ class Result:
     notes: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def tables(self) -> dict[str, studies.Table]:
+    def tables(self) -> dict[str, Table]:
         """Those with rows by the names of their files."""
-        return {one.name: one for one in self.shown if isinstance(one, studies.Table) and one.name and one.rows}
+        return {one.name: one for one in self.shown if isinstance(one, Table) and one.name and one.rows}
 
     @property
     def drawings(self) -> dict[str, Callable[[], Any]]:
         """File names (without ending) to functions that draw onto a new matplotlib figure."""
-        from femsub.app.figure_style import draw
-
         return {chart.name: partial(draw, chart) for chart in self.charts if chart.drawn} | {
             one.name: one.draw for one in self.shown if isinstance(one, Picture)}
 
     @property
-    def charts(self) -> list[studies.Chart]:
+    def charts(self) -> list[Chart]:
         """Those for a page."""
-        return [one for one in self.shown if isinstance(one, studies.Chart)]
+        return [one for one in self.shown if isinstance(one, Chart)]
 
     def text(self, units: Units = UNKNOWN) -> str:
         """All sentences and tables."""
         return units.said("\n".join(one if isinstance(one, str) else one.text(units.known) for one in self.shown
-                                    if isinstance(one, str) or (isinstance(one, studies.Table) and one.columns)))
+                                    if isinstance(one, str) or (isinstance(one, Table) and one.columns)))
 
     def printed(self, units: Units = UNKNOWN, whole: bool = False) -> str:
         """The verdict, then the short table of each comparison, or, with `whole` or where nothing was compared, all tables."""
@@ -115,17 +117,12 @@ class Result:
 
     def _repr_html_(self) -> str:
         """For notebooks: sentences, tables, charts and pictures, in their order."""
-        from femsub.app.figure_style import render
-
         parts: list[str] = []
         for one in self.shown:
             if isinstance(one, str):
                 parts.append(f"<p>{escape(one)}</p>")
-            elif isinstance(one, studies.Table):
+            elif isinstance(one, Table):
                 parts.append(one._repr_html_())
-            elif isinstance(one, (studies.Chart, Picture)) and one.name in self.drawings:
-                file = io.BytesIO()
-                render(self.drawings[one.name], file)
-                parts.append(f'<img alt="{escape(one.name)}" '
-                             f'src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">')
+            elif isinstance(one, (Chart, Picture)) and one.name in self.drawings:
+                parts.append(picture(figure_of(self.drawings[one.name]), one.name))
         return "\n".join(filter(None, parts))

@@ -9,10 +9,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 import femsub as fs
-from femsub.app.figures import shapes_figure
 from femsub.app.moving import mode_file
 from femsub.app.result import Picture
 from femsub.checks import Array
+from femsub.components import shapes_figure, turned
 from femsub.io import Writer
 
 Drawn = tuple[fs.Mesh, Array]  # a mesh, and the shapes on it (nodes, 3, k)
@@ -50,13 +50,6 @@ def complex_pictures(name: str, drawn: Mapping[str, Drawn], words: str, title: s
         if omega > 0:
             files |= motion_files(mesh, shape, omega, words, at)
     return found, files
-
-
-def turned(fields: Array) -> Array:
-    """Complex shapes (nodes, 3, k), each at the phase in which the place that moves most is at its largest."""
-    flat = fields.reshape(-1, fields.shape[-1])
-    largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0]
-    return np.asarray(fields * np.exp(-1j * np.angle(largest)))
 
 
 def page_mode(paged: bool, drawn: Mapping[str, Drawn], title: str, eigenvalue: complex) -> dict[str, Writer]:

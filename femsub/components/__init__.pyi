@@ -1,6 +1,12 @@
 from .beam import SUPPORTS as SUPPORTS
 from .build import not_negative as not_negative, pair as pair, proportional as proportional
-from .fields import node_rows as node_rows
+from .fields import (
+    joined_mesh as joined_mesh,
+    joined_shapes as joined_shapes,
+    moved_fields as moved_fields,
+    node_rows as node_rows,
+    turned as turned,
+)
 from .grids import annulus as annulus, ring as ring
 from .mesh import (
     CELLS as CELLS,
@@ -14,6 +20,7 @@ from .mesh import (
 )
 from .mesh_checks import checked as checked
 from .patches import patch as patch
+from .pictures import draw_solid as draw_solid, parts_figure as parts_figure, shapes_figure as shapes_figure, triad as triad
 from .small_models import (
     disc_pair as disc_pair,
     two_mode as two_mode,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from femsub.checks import Array, instance, rows
+from femsub.checks import Array, instance, mapping, rows
 from femsub.components.mesh import Mesh, places_of
 from femsub.errors import InputError, InputTypeError
-from femsub.model import DofMap
+from femsub.model import DofMap, Substructure, displacements as motions_of, full_dofs
 
 #: the coordinate of the displacement for each label; other labels (slopes) are not displacements
 COMPONENTS = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
@@ -63,3 +65,55 @@ def node_rows(mesh: Mesh, numbers: Array) -> Array:
         raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmin(place)]}, so the DOF map belongs to another "
                          "mesh. Give the component's own mesh")
     return place
+
+
+def moved_fields(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mesh]) -> tuple[list[Mesh], list[Array]]:
+    """The meshes of a model's parts, and their fields (nodes, 3, k) of motions q (r, k) in the model's own coordinates.
+
+    Raises
+    ------
+    InputError
+        A mesh of no part, or of another part; a part whose DOF are not known by nodes and directions.
+    """
+    named = {"": meshes} if isinstance(meshes, Mesh) else mapping("meshes", meshes, "names of parts and their meshes")
+    fields = []
+    for name, mesh in named.items():
+        dofs = full_dofs(model, name)
+        if dofs is None:
+            raise InputError(f"{name or model.name!r} has no DOF map, so nobody knows which of its DOF belong to which node")
+        fields.append(displacements(mesh, dofs, motions_of(model, np.arange(dofs.size), name) @ q))
+    return list(named.values()), fields
+
+
+def joined_shapes(meshes: Sequence[Mesh], fields: Sequence[Array]) -> tuple[Mesh, Array]:
+    """Meshes of one kind as one, which share no nodes, and fields (nodes, 3, k) on it, the largest displacement of each 1.
+
+    Raises
+    ------
+    InputError
+        Meshes of several kinds.
+    """
+    kinds = sorted({mesh.kind for mesh in meshes})
+    if len(kinds) != 1:
+        raise InputError(f"meshes must be of one kind of cells, but are of {', '.join(kinds) or 'none'}: draw those of each kind "
+                         "apart")
+    shapes = np.concatenate(list(fields))
+    largest = np.linalg.norm(shapes, axis=1).max(axis=0)
+    return joined_mesh(meshes), shapes / np.where(largest > 0, largest, 1.0)
+
+
+def joined_mesh(meshes: Sequence[Mesh], groups: Mapping[str, Array] | None = None) -> Mesh:
+    """Meshes of one kind as one, which share no nodes; `groups` are groups of its cells."""
+    starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
+    return Mesh(np.vstack([mesh.points for mesh in meshes]),
+                np.vstack([mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]), meshes[0].kind,
+                groups=groups or {})
+
+
+def turned(fields: Array) -> Array:
+    """Complex shapes (nodes, 3, k), each at the phase in which the place that moves most is at its largest."""
+    if not np.iscomplexobj(fields):
+        return fields
+    flat = fields.reshape(-1, fields.shape[-1])
+    largest = np.take_along_axis(flat, np.abs(flat).argmax(axis=0)[None], axis=0)[0]
+    return np.asarray(fields * np.exp(-1j * np.angle(largest)))

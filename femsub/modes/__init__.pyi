@@ -1,3 +1,4 @@
+from .charts import eigenvalue_chart as eigenvalue_chart, response_chart as response_chart
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
 from .mode_set import ModeSet as ModeSet

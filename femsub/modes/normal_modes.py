@@ -46,8 +46,11 @@ from femsub.errors import (
     warn,
 )
 from femsub.model import DOUBLE, MOTIONS, TRANSLATIONS, Substructure, in_band, usable_band, widened
+from femsub.modes.charts import frequencies_chart
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
+from femsub.modes.shaped import Shaped
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
+from femsub.output import Chart, Table
 
 if TYPE_CHECKING:
     from femsub.algebra import CountBeside
@@ -62,7 +65,7 @@ BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn un
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NormalModes:
+class NormalModes(Shaped):
     """Undamped modes of a model, made by `normal_modes`: KΦ = MΦΩ², ΦᵀMΦ = I.
 
     Rigid-body modes come first, then elastic modes by frequency.
@@ -133,6 +136,29 @@ class NormalModes:
     def frequencies(self) -> Array:
         """ω in radians per unit of time, shape (k,)."""
         return np.sqrt(self.eigenvalues)
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """ω / 2π, shape (k,); Hz where the unit of time is the second."""
+        return self.frequencies / (2 * np.pi)
+
+    def tables(self) -> list[Table]:
+        """A row for each mode."""
+        rows = [{"mode": i, "omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)), "rigid": i <= self.rigid,
+                 "residual": float(residual)}
+                for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
+        return [Table("modes", rows, ["mode", "omega", "residual"], "Normal modes")] if rows else []
+
+    def chart(self, title: str = "Normal modes") -> Chart:
+        """Frequencies by their numbers."""
+        return frequencies_chart(self, title)
+
+    def _drawn_first(self) -> list[int]:
+        """Elastic modes."""
+        return list(range(self.rigid, len(self.eigenvalues)))
+
+    def _called(self, i: int) -> str:
+        return f"mode {i + 1}: ω = {self.frequencies[i]:.5g} rad/time"
 
     def __repr__(self) -> str:
         elastic = self.frequencies[self.rigid:]

@@ -43,11 +43,13 @@ from femsub.checks import (
 )
 from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, beyond, contacts_of, small_matrices
+from femsub.modes.charts import receptances_chart
 from femsub.modes.noise import Noise
 from femsub.modes.normal_modes import modes_below, modes_under
 from femsub.modes.quadratic.correction import inverse_at
 from femsub.modes.quadratic.energy_basis import EnergyBasis, Term
 from femsub.modes.shift_invert import ShiftInvert
+from femsub.output import Chart, Displayed, Table
 
 log = logging.getLogger(__name__)
 
@@ -55,7 +57,7 @@ TOL = 1e-5  # of responses; and the share of a motion's energy, as a root, that 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FrequencyResponse(Frozen):
+class FrequencyResponse(Frozen, Displayed):
     """What harmonic forces at the loads cause at the responses, over frequency, with bounds of the error.
 
     u_i(t) = Re(h_ij(ω) f_j exp(iωt)), h of shape (nf, nr, nl). See `frequency_response`.
@@ -108,6 +110,18 @@ class FrequencyResponse(Frozen):
     tally: Tally = field(default=Tally(0))
     noise: tuple[Noise, ...] = ()
     cutoff: float = np.inf
+
+    def tables(self) -> list[Table]:
+        """A row for each frequency, load and response; it is not printed."""
+        rows = [{"load": load, "response": response, "omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)),
+                 "magnitude": float(abs(h)), "phase": float(np.degrees(np.angle(h))), "bound": float(bound)}
+                for j, load in enumerate(self.loads) for i, response in enumerate(self.responses)
+                for omega, h, bound in zip(self.omega, self.receptance[:, i, j], self.bound[:, i, j], strict=True)]
+        return [Table("response", rows, title="Receptances")] if rows else []
+
+    def chart(self, title: str = "Receptance", most: int = 8) -> Chart:
+        """|h| and its phase over ω, dotted within the bounds of the error where these are seen, of `most` pairs at most."""
+        return receptances_chart(self, title, most)
 
     @classmethod
     def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,

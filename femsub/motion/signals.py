@@ -6,22 +6,22 @@ to select a part. Frequencies are in radians per unit of time, amplitudes in the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, instance, interval, real_array, whole_number
-from femsub.coupling import STICKING
+from femsub.checks import Array, finite_number, interval, real_array, whole_number
 from femsub.errors import InputError
-from femsub.motion.transient import Transient
+from femsub.motion.charts import spectrogram_chart, spectrum_chart
+from femsub.output import Chart, Displayed, Table, column
 
 WINDOW = "blackman"  # side lobes at -58 dB; the main lobe ends 3 bins from its centre
 FEWEST = 32  # smallest number of points for a spectrum
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spectrum:
+class Spectrum(Displayed):
     """|2/Σg Σ g_j (x_j - x̄) exp(-iωt_j)| of a signal x with the Blackman window g.
 
     Attributes
@@ -39,19 +39,33 @@ class Spectrum:
     heights: Array
     resolution: float
 
+    def tables(self) -> list[Table]:
+        """A row for each peak."""
+        rows = [{"omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)), "amplitude": float(height)}
+                for omega, height in zip(self.peaks, self.heights, strict=True)]
+        return [Table("spectrum", rows, ["omega", column("amplitude", form=".4g")], "Peaks")] if rows else []
+
+    def chart(self, title: str = "Spectrum") -> Chart:
+        """The amplitude over ω, its peaks marked."""
+        return spectrum_chart(self, title)
+
     def __repr__(self) -> str:
         listed = ", ".join(f"{at:.5g} ({height:.3g})" for at, height in zip(self.peaks[:4], self.heights[:4], strict=True))
         return f"Spectrum: peaks at {listed or 'none'}, resolution {self.resolution:.2g} rad/time"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Spectrogram:
+class Spectrogram(Displayed):
     """Spectra of a moving window: amplitude (len(omega), len(t)), with t the centres of the windows."""
 
     t: Array
     omega: Array
     amplitude: Array
     length: float  #: length of the window in time
+
+    def chart(self, title: str = "Spectrogram", highest: float | None = None) -> Chart:
+        """Amplitudes in colours over time and ω, up to `highest`."""
+        return replace(spectrogram_chart([("", self)], float(self.omega[-1]) if highest is None else highest), title=title)
 
     def __repr__(self) -> str:
         return f"Spectrogram: {len(self.t)} windows of {self.length:g} from t = {self.t[0]:g} to {self.t[-1]:g}, " \
@@ -96,7 +110,7 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     whole_number("count", count, least=0)
     if not 0 <= finite_number("floor", floor) <= 1:
         raise InputError(f"floor is a share of the highest peak between 0 and 1, not {floor!r}")
-    _, x, step = _part(t, signal, between, FEWEST)
+    _, x, step = part_of(t, signal, between, FEWEST)
     m = len(x)
     g = get_window(WINDOW, m)
     long = next_fast_len(4 * m, real=True)  # zeros behind the signal, for the interpolation of peaks
@@ -132,7 +146,7 @@ def spectrogram(t: Array, signal: Array, length: float, *, between: tuple[float,
     """
     from scipy.signal import ShortTimeFFT, get_window
 
-    times, x, step = _part(t, signal, between, FEWEST)
+    times, x, step = part_of(t, signal, between, FEWEST)
     points = finite_number("length", length) / step
     if not FEWEST - 0.5 <= points < len(x) + 0.5:
         raise InputError(f"length must be between {FEWEST * step:g} and the signal's {len(x) * step:g}, but is {length!r}")
@@ -156,23 +170,7 @@ def rms(t: Array, signal: Array, between: tuple[float, float] | None = None) -> 
     >>> print(f"{fs.rms(t, np.sin(t)):.3f}")
     0.707
     """
-    return float(_part(t, signal, between, 2)[1].std())
-
-
-def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
-             multiple: float = STICKING, below: float | None = None) -> float:
-    """The share of the time in which a belt's contact sticks: |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without ε.
-
-    Examples
-    --------
-    >>> import femsub as fs
-    >>> run = fs.transient(fs.chain(5, belt=2), fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 20))
-    >>> fs.sticking(run)
-    0.0
-    """
-    belt = instance("run", run, Transient).belt(port)
-    part = _part(run.t, run.velocity(port), between, 1)[1]
-    return float(np.mean(belt.sticks(part, multiple, below)))
+    return float(part_of(t, signal, between, 2)[1].std())
 
 
 def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = None, *, below: float | None = None) -> Growth:
@@ -203,7 +201,7 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
     """
     from scipy.signal import find_peaks
 
-    times, x, step = _part(t, signal, between, 8)
+    times, x, step = part_of(t, signal, between, 8)
     if below is not None:
         over = np.flatnonzero(np.abs(x) > finite_number("below", below))
         end = over[0] if len(over) else len(x)
@@ -221,7 +219,7 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
                   (float(places[0]), float(places[-1])))
 
 
-def _part(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int) -> tuple[Array, Array, float]:
+def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int) -> tuple[Array, Array, float]:
     """The part of a signal, its times and its step, checked."""
     times, x = real_array("t", t), real_array("signal", signal, finite=False)
     if times.ndim != 1 or x.shape != times.shape:

@@ -20,6 +20,7 @@ from femsub.checks import (
     Interruptible,
     choice,
     finite_number,
+    instance,
     interval,
     items,
     listener,
@@ -27,10 +28,14 @@ from femsub.checks import (
     whole_number,
     word,
 )
+from femsub.coupling import STICKING
 from femsub.errors import InputError, unknown_name
+from femsub.motion.charts import Track, motion_chart
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.generalised_alpha import AlphaFlow
 from femsub.motion.nonlinear_model import Sliding, State, sliding
+from femsub.motion.signals import FEWEST, part_of, spectrum
+from femsub.output import Chart, Displayed, Table
 
 if TYPE_CHECKING:
     from femsub.coupling import Belt
@@ -74,7 +79,7 @@ class Effort:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Transient:
+class Transient(Displayed):
     """A trajectory in time, recorded at ports on a uniform grid, made by `transient`.
 
     Attributes
@@ -147,6 +152,37 @@ class Transient:
     def velocity(self, name: str) -> Array:
         """wᵀq̇(t) on a port, shape (m,) or (m, p)."""
         return self._recorded(self.velocities, name)
+
+    def seen(self, port: str = "", window: tuple[float, float] | None = None, kind: str = "full") -> Track:
+        """The velocity at a port, by default the first one recorded, and its spectrum in a window, by default the last quarter.
+
+        `kind` is the key of the model in charts of several. A port of several columns is seen by its first.
+        """
+        v = self.velocity(port or next(iter(self.velocities)))
+        v = v if v.ndim == 1 else v[:, 0]
+        start, end = (float(self.t[0]), float(self.t[-1])) if len(self.t) else (0.0, 0.0)
+        window = window or (0.25 * start + 0.75 * end, end)
+        inside = int(((self.t >= window[0]) & (self.t <= window[1])).sum())
+        return Track(kind, self, v, window, spectrum(self.t, v, window) if self.complete and inside > 2 * FEWEST else None,
+                     self.contact.belts[0].speed if self.contact.belts else None)
+
+    def tables(self) -> list[Table]:
+        """A row for each recorded time, with the displacement and the velocity at each port; it is not printed."""
+        columns = {"t": self.t}
+        for what, histories in (("u", self.displacements), ("v", self.velocities)):
+            for name, values in histories.items():
+                several = values.reshape(len(self.t), -1).T
+                columns |= {f"{what} {name}" + f" {at}" * (len(several) > 1): one for at, one in enumerate(several)}
+        rows = [dict(zip(columns, values, strict=True))
+                for values in zip(*(one.tolist() for one in columns.values()), strict=True)]
+        return [Table("motion", rows, title="Motion in time")] if rows else []
+
+    def chart(self, title: str = "Motion in time", port: str = "", window: tuple[float, float] | None = None) -> Chart:
+        """The velocity at a port, by default the first one recorded: all of it, its last periods, its spectrum in a window.
+
+        The window is by default the last quarter.
+        """
+        return motion_chart(self.seen(port, window), title)
 
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
@@ -286,6 +322,22 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
                     flow.error, rounding)
     log.info("%r", run)
     return run
+
+
+def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | None = None, *,
+             multiple: float = STICKING, below: float | None = None) -> float:
+    """The share of the time in which a belt's contact sticks: |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without ε.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> run = fs.transient(fs.chain(5, belt=2), fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 20))
+    >>> fs.sticking(run)
+    0.0
+    """
+    belt = instance("run", run, Transient).belt(port)
+    part = part_of(run.t, run.velocity(port), between, 1)[1]
+    return float(np.mean(belt.sticks(part, multiple, below)))
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:

@@ -30,6 +30,7 @@ from femsub.model import (
     units,
 )
 from femsub.modes import IN_PARTS, ShiftInvert, lowest_modes, modes_below, motion_of
+from femsub.output import LOOKS, Look
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, assembled, projected, square, structural
 from femsub.reduction.estimates.nested import Nested
 from femsub.reduction.estimates.search import Goal, Space, chosen_in
@@ -115,6 +116,7 @@ class Method(ABC):
                 raise InputError(f"the reduction method {cls.__name__} has no {name}; see femsub.reduction.method.Method")
         if cls.offered:
             METHODS[cls.key] = cls
+            LOOKS[cls.key] = Look(cls.label, cls.colour, cls.marker)
 
     def __post_init__(self) -> None:
         name = type(self).__name__

@@ -17,6 +17,8 @@ from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, ma
 from femsub.errors import InputError
 from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
 from femsub.modes import all_modes, beside_the_full, each_of, match
+from femsub.output import Chart, Displayed, Table, column
+from femsub.stability.charts import changes_chart
 from femsub.stability.sensitivities import sensitivities
 
 if TYPE_CHECKING:
@@ -328,7 +330,7 @@ class TriedChange:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class WhatHelps:
+class WhatHelps(Displayed):
     """Candidates in the order of their effect, made by `what_helps`. Its text is a table.
 
     Attributes
@@ -360,6 +362,18 @@ class WhatHelps:
     def ranking(self) -> tuple[str, ...]:
         """A sentence for each candidate, the best first."""
         return tuple(f"{at}. {one.name}: {one.words}" for at, one in enumerate(self.tried, 1))
+
+    def tables(self) -> list[Table]:
+        """A row for each candidate, the best first."""
+        rows = [{"change": one.name, "growth": one.growth, "by_slope": one.by_slope, "is_stable": one.is_stable,
+                 "in_full": one.in_full.growth if one.in_full is not None else None, "words": one.words} for one in self.tried]
+        columns = [column("change", form="s"), column("growth", form=".5g"), column("by_slope", "by slope", ".5g"), "is_stable",
+                   column("in_full", "in full", ".5g")]
+        return [Table("helps", rows, columns, "Changes")]
+
+    def chart(self, title: str = "What helps") -> Chart:
+        """A bar for each candidate, the best at the top: the largest Re λ now and with the change."""
+        return changes_chart("helps", self, title)
 
     def __repr__(self) -> str:
         reach = sum(one.reached for one in self.tried)

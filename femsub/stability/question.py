@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from femsub.checks import NOT_CHECKED, Array, Tally, until
+from femsub.output import Chart, Displayed, Table, column
+from femsub.stability.charts import crossings_chart
 from femsub.stability.crossings import Crossing, shown_value
 from femsub.stability.parameter import PencilOver, pencil_over
 
@@ -45,7 +47,7 @@ class LossQuestion:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CriticalValue:
+class CriticalValue(Displayed):
     """The values of a parameter at which stability is lost, made by `critical_value`; ``float(...)`` gives the first.
 
     "First" and "beyond" are meant on the way from the begin of the range to its end, which may be below it.
@@ -164,6 +166,26 @@ class CriticalValue:
 
     def __float__(self) -> float:
         return float(self.value)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each loss and regain of stability; one without a value where it is never lost, or lost before the range."""
+        several: list[tuple[str, Any]] = [*(("lost", one) for one in self.losses), *(("regained", one) for one in self.regains)]
+        if self.growing or not (self.first or (self.regains and np.isinf(self.value))):
+            where = "never lost" if np.isinf(self.value) else "lost at a place not known"
+            several.insert(0, ("lost at the start" if self.growing else where, None))
+        return [{"stability": what, "value": one and one.value, "kind": one.kind if one else "", "omega": one and one.omega,
+                 "frequency_hz": one and one.omega / (2 * np.pi), "width": one and one.width, "evidence": self.evidence}
+                for what, one in several]
+
+    def tables(self) -> list[Table]:
+        """A row for each loss and regain of stability."""
+        columns = [column("stability", form="s"), column("value", self.parameter, ".8g"), column("kind", form="s"), "omega",
+                   "evidence"]
+        return [Table("critical", self.rows(), columns, f"Losses and regains of stability over {self.parameter}")]
+
+    def chart(self, title: str = "Losses and regains of stability") -> Chart:
+        """Their frequencies over the parameter, and the intervals in which more were not excluded."""
+        return crossings_chart(self, title)
 
     def __repr__(self) -> str:
         counts = [f"{len(several)} {name}{ending * (len(several) != 1)}"

@@ -12,10 +12,12 @@ import numpy as np
 from femsub.checks import Array, Tally, listener, mapping, real_array, truth, until, whole_number, word
 from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import Affine, Contacts, Substructure, family_of, usable_band
+from femsub.output import Chart, Displayed, Table
 from femsub.stability.exclusion import is_mirrored
 from femsub.stability.labels import Labels, sources_of
 from femsub.stability.margins import ModesAt
 from femsub.stability.mode_families import grouped
+from femsub.stability.scatter_chart import scatter_chart, scatter_tables
 from femsub.stability.stability_map import pencils_of
 
 log = logging.getLogger(__name__)
@@ -85,7 +87,7 @@ class Importance:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scatter:
+class Scatter(Displayed):
     """The stability of a model whose parameters scatter, made by `scatter`.
 
     Attributes
@@ -148,6 +150,17 @@ class Scatter:
     solved: int
     evidence: str
     cutoff: float = np.inf
+
+    def tables(self) -> list[Table]:
+        """A row for each family of modes, one for each input, and one for each sample, which are not printed."""
+        return scatter_tables("scatter", self)
+
+    def chart(self, title: str = "Modes that grow where parameters scatter", labels: Mapping[str, str] | None = None) -> Chart:
+        """The cloud of frequency over growth, the probability of each family of modes, and a tornado of the inputs.
+
+        `labels` are names of the inputs to be shown, with units.
+        """
+        return scatter_chart("scatter", self, title, labels)
 
     def __repr__(self) -> str:
         count = len(self.families)

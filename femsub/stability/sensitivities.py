@@ -36,6 +36,8 @@ from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, ma
 from femsub.errors import InputError, unknown_name
 from femsub.model import Affine, Jet, Substructure, as_changes, contacts_of, family_of, fields_of, kinks_of
 from femsub.modes import ComplexModes, corrected, left_by_symmetric_factor, left_slope, pencil_of, slope, solver_near
+from femsub.output import Chart, Displayed, Table, column
+from femsub.stability.charts import sensitivities_chart
 
 if TYPE_CHECKING:
     from femsub.model import Change, Contacts, Pencil
@@ -101,7 +103,7 @@ class MetPair:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Sensitivities:
+class Sensitivities(Displayed):
     """Derivatives of k eigenvalues with respect to q parameters, made by `sensitivities`.
 
     Attributes
@@ -162,6 +164,20 @@ class Sensitivities:
             raise InputError(f"give {len(self.parameters)} steps, one for each parameter, not {len(steps)}")
         d = np.array([finite_number("a step", one) for one in steps])
         return np.asarray(self.eigenvalues + self.first @ d + (self.second @ d) @ d / 2)
+
+    def tables(self) -> list[Table]:
+        """A row for each eigenvalue and parameter."""
+        rows = [{"omega": float(value.imag), "growth": float(value.real), "parameter": name,
+                 "growth_slope": float(self.first[i, j].real), "frequency_slope": float(self.first[i, j].imag),
+                 "error_bar": float(self.error_bar[i, j])}
+                for i, value in enumerate(self.eigenvalues) for j, name in enumerate(self.parameters)]
+        columns = ["omega", column("growth", form=".5g"), column("parameter", form="s"),
+                   column("growth_slope", "∂Re λ/∂p", ".5g"), column("frequency_slope", "∂Im λ/∂p", ".5g"), "error_bar"]
+        return [Table("sensitivities", rows, columns, "Derivatives of eigenvalues", keys=2)] if rows else []
+
+    def chart(self, title: str = "Change of Re λ by the whole of each parameter, to first order", most: int = 4) -> Chart:
+        """A bar with its error for each parameter, by size, of the `most` eigenvalues with the largest Re λ."""
+        return sensitivities_chart(self, title, most)
 
     def __repr__(self) -> str:
         met = int((~self.differentiable).sum())

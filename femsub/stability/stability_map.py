@@ -13,7 +13,9 @@ import numpy as np
 from femsub.checks import NOT_CHECKED, Array, instance, items, listener, mapping, real_array, until, whole_number, word
 from femsub.errors import InputError, InputTypeError, unknown_name
 from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
+from femsub.output import Chart, Displayed, Table
 from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves
+from femsub.stability.map_chart import stability_map_chart, stability_map_tables
 from femsub.stability.margins import ModesAt, modes_in, point_modes
 
 log = logging.getLogger(__name__)
@@ -36,7 +38,7 @@ class Spot(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StabilityMap:
+class StabilityMap(Displayed):
     """The stability of a model at m · k values of two parameters, made by `stability_map`.
 
     Attributes
@@ -88,6 +90,14 @@ class StabilityMap:
     solved: int
     cutoff: float = np.inf
     evidence: str = NOT_CHECKED
+
+    def tables(self) -> list[Table]:
+        """A row for each point, one for each place of a border, and one for each point solved in full."""
+        return stability_map_tables("map", self)
+
+    def chart(self, title: str = "Stability", labels: Sequence[str] = ("", "")) -> Chart:
+        """The number of growing modes, and beside it the largest growth, with borders. `labels` are those of the axes."""
+        return stability_map_chart("map", {"": self}, title, labels)
 
     @property
     def undecided_share(self) -> float:

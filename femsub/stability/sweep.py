@@ -15,6 +15,8 @@ from femsub.checks import EPS, Array, real_array, until
 from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, Contacts, Pencil, Substructure, in_band
 from femsub.modes import complex_modes, eigenvalues, modal_form
+from femsub.output import Chart, Displayed, Table, column
+from femsub.stability.charts import growth_over_chart
 from femsub.stability.critical_value import question_of
 from femsub.stability.port_root import is_narrow, port_fed
 
@@ -22,7 +24,7 @@ FAR = EPS**-0.5  # times the end of a band: an upper bound of Re λ
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StabilitySweep:
+class StabilitySweep(Displayed):
     """The largest growth rate Re λ for each of m values of a parameter, made by `sweep`.
 
     Attributes
@@ -51,6 +53,17 @@ class StabilitySweep:
     omega: Array
     band: tuple[float, float]
     cutoff: float = np.inf
+
+    def tables(self) -> list[Table]:
+        """A row for each value."""
+        rows = [{self.parameter: float(value), "growth": float(growth), "omega": float(omega),
+                 "frequency_hz": float(omega / (2 * np.pi))}
+                for value, growth, omega in zip(self.values, self.growth, self.omega, strict=True)]
+        return [Table("sweep", rows, [column(self.parameter, form=".6g"), "growth", "omega"], f"Growth over {self.parameter}")]
+
+    def chart(self, title: str = "The largest growth") -> Chart:
+        """The largest Re λ over the parameter, and Im λ of that mode."""
+        return growth_over_chart(self, title)
 
     def __repr__(self) -> str:
         return (f"StabilitySweep: {len(self.values)} values of {self.parameter} from {self.values.min():.4g} to "

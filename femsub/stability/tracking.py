@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import logging
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -24,10 +25,12 @@ from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, real_array, until, who
 from femsub.errors import FemsubWarning, InputError, warn
 from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
 from femsub.modes import UNCOUNTED, Region, assigned, clusters, search, with_bars
+from femsub.output import Chart, Displayed, Table, column, damping_percent
 from femsub.reduction import BoxModel, ParameterBox
 from femsub.reduction.over_box import over_box
 from femsub.stability.critical_value import question_of
-from femsub.stability.crossings import ASIDE
+from femsub.stability.crossings import ASIDE, Crossing
+from femsub.stability.flutter_chart import flutter_chart
 from femsub.stability.meetings import Meeting, meetings_of
 from femsub.stability.parameter import pencil_over
 from femsub.stability.question import LossQuestion
@@ -42,7 +45,7 @@ PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracked:
+class Tracked(Displayed):
     """Modes over a parameter, made by `track`.
 
     Attributes
@@ -86,6 +89,33 @@ class Tracked:
     def growing(self) -> Array:
         """Where a branch certainly grows: Re λ above its error bar, bool (p, branches)."""
         return np.asarray(self.eigenvalues.real > self.error_bar)
+
+    def tables(self) -> list[Table]:
+        """A row for each mode at each value that was asked for, which are not printed, and one for each meeting."""
+        at, branch = np.nonzero(self.asked[:, None] & ~np.isnan(self.eigenvalues))
+        chosen = self.eigenvalues[at, branch]
+        branches = [{self.parameter: float(self.values[i]), "branch": int(j), "growth": float(value.real),
+                     "omega": float(value.imag), "frequency_hz": float(value.imag / (2 * np.pi)), "damping": float(damping),
+                     "error_bar": float(self.error_bar[i, j]), "grows": bool(self.growing[i, j])}
+                    for i, j, value, damping in zip(at, branch, chosen, damping_percent(chosen), strict=True)]
+        meetings = [{"kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),
+                     "growth": one.eigenvalue.real, "omega": one.eigenvalue.imag, "gap": one.gap,
+                     "condition": one.condition if np.isfinite(one.condition) else None,
+                     "error_bar": one.error_bar if np.isfinite(one.error_bar) else None} for one in self.meetings]
+        columns = [column("kind", "meeting", "s"), column("value", self.parameter, ".8g"), column("branches", form="d"),
+                   column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
+                   column("condition", form=".0e"), "error_bar"]
+        found = [Table("flutter", branches, title=f"Branches over {self.parameter}"),
+                 Table("flutter-meetings", meetings, columns, "Where modes meet")]
+        return [one for one in found if one.rows]
+
+    def chart(self, title: str = "Modes", crossings: Sequence[Crossing] = (), label: str = "") -> Chart:
+        """The flutter diagram: Im λ, Re λ and the damping ratio in % over the parameter.
+
+        Coupled modes have one colour, others are grey. `crossings` are losses and regains that are known, as of `critical_value`.
+        `label` names the parameter with its unit.
+        """
+        return flutter_chart("flutter", {"full": self}, {"full": crossings}, label or f"{self.parameter}  [-]", title)
 
     def __repr__(self) -> str:
         kinds = [meeting.kind for meeting in self.meetings]

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, Tally, choice, positive_number, truth
+from femsub.output import Chart, Displayed, Level, Panel, Series, Table, column, fitted, floored
 from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
 from femsub.studies.audit_checks import SYSTEMS, findings
-from femsub.studies.charts import Chart, Level, Panel, Series, floored
-from femsub.studies.tables import Table, column, fitted
 from femsub.studies.verdicts import Verdict
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Audit:
+class Audit(Displayed):
     """What an audit of a reduced model has found. See `audit`.
 
     Attributes
@@ -127,8 +126,7 @@ class Audit:
         answer = "no" if self.faults else "yes" if self.full_size else "in part"
         return Verdict([*decides, trust, *unknown], (), answer, headline, "Is the reduced model what it should be?")
 
-    @property
-    def tables(self) -> tuple[Table, Table]:
+    def tables(self) -> list[Table]:
         """The checks, and the frequencies with what they are worth."""
         rows = [{"check": one.what, **{key: getattr(one, key) for key in ("verdict", "figure", "limit", "said", "todo")}}
                 for one in self.findings]
@@ -136,24 +134,23 @@ class Audit:
                    "error": None if np.isnan(low) or np.isinf(error) else float(error)}
                   for at, (one, low, error) in enumerate(zip(self.omega, self.lower, self.error, strict=True))]
         head = "full model" if self.full_size else "not below"
-        return (Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s", cell=_word),
+        return [Table("checks", rows, [column("check", "check", "s"), column("verdict", "verdict", "s", cell=_word),
                                        column("figure", "figure", ".1e"), column("limit", "limit", ".0e")], "Checks"),
                 Table("frequencies", values, ["mode", "omega", column("full", head, ".6g"), "error"] if values else (),
-                      "Elastic frequencies, interface free", most=Case.few))
+                      "Elastic frequencies, interface free", most=Case.few)]
 
-    @property
-    def chart(self) -> Chart:
+    def chart(self, title: str = "") -> Chart:
         """Errors of the frequencies, or their bounds, up to the cut-off."""
         name = "error" if self.full_size else "bound of the error"
         levels = [Level(self.cutoff, "first mode left out")] if np.isfinite(self.cutoff) else []
-        return Chart("frequencies", f"{self.name}: {name} of frequencies", [Panel(
+        return Chart("frequencies", title or f"{self.name}: {name} of frequencies", [Panel(
             [Series(name, self.omega, floored(self.error))], "ω  [rad/time]", name, "", "y", levels, rounding=True)])
 
     @property
     def text(self) -> str:
         """One page: the verdict, what decides it, all checks, the frequencies, and what cannot be known."""
         said = self.answer
-        return fitted("\n\n".join([said.text, *filter(None, (one.text() for one in self.tables)),
+        return fitted("\n\n".join([said.text, *filter(None, (one.text() for one in self.tables())),
                                    "\n".join(f"- {line}" for line in said.decides)]))
 
     def record(self) -> dict[str, Any]:
@@ -162,7 +159,8 @@ class Audit:
             return None if value is None or not np.isfinite(value) else float(value)
 
         return {"verdict": self.verdict, "name": self.name, "size": self.size, "full_size": self.full_size,
-                "checks": [{**row, "figure": plain(row["figure"]), "limit": plain(row["limit"])} for row in self.tables[0].rows],
+                "checks": [{**row, "figure": plain(row["figure"]), "limit": plain(row["limit"])}
+                           for row in self.tables()[0].rows],
                 "omega": self.omega.tolist(), "full" if self.full_size else "lower": [plain(one) for one in self.lower],
                 "cutoff": plain(self.cutoff), "trusted": plain(self.trusted), "evidence": self.evidence}
 

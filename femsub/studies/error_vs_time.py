@@ -32,11 +32,11 @@ from femsub.modes import (
     turnover,
 )
 from femsub.modes.normal_modes import normal_modes
+from femsub.output import label
 from femsub.reduction import ContactModes, Method, Reductor
 from femsub.reduction.reduce import reduce
-from femsub.studies.losses import Loss, first_belt, first_loss, with_value
+from femsub.stability import Loss, first_belt, first_loss, with_value
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
-from femsub.studies.tables import label
 
 Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]

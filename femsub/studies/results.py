@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.studies.tables import Column, Table, column, fitted, grouped, label, span
+from femsub.output import Chart, Column, Displayed, Table, column, fitted, grouped, label, span
+from femsub.studies.charts_errors import study_chart
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -180,7 +181,7 @@ class Row:
 
 
 @dataclass(frozen=True, repr=False)
-class Study:
+class Study(Displayed):
     """The results of `study`: a row for the full model and one for each reduced model; `print` shows them as a table.
 
     Attributes
@@ -228,6 +229,14 @@ class Study:
         best = min(self.rows, key=lambda row: row.error_eigenvalue, default=None)
         text = "" if best is None else f"; smallest error {best.error_eigenvalue:.1e} by {best.label} with {best.size} DOF"
         return f"Study of {self.name!r}: {len(self.rows)} reduced models against {self.full.size} DOF{text}"
+
+    def tables(self) -> list[Table]:
+        """A row for the full model and one for each reduced model."""
+        return [Table("compare", self.flat, self._columns(), f"Errors and run times of {self.name}", keys=2)]
+
+    def chart(self, title: str = "") -> Chart:
+        """Errors against run time."""
+        return study_chart(self, title or self.name)
 
     @property
     def flat(self) -> list[dict[str, Any]]:

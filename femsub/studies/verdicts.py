@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from femsub.checks import NOT_CHECKED
+from femsub.output import label, span
 from femsub.studies.results import STABLE, Study
-from femsub.studies.tables import label, span
 
 #: what no run can decide, for every scene that compares models
 NEVER = ("All errors are relative to the full model. The run does not show how well its mesh, its materials and its friction law "

@@ -87,9 +87,9 @@ class AuditAsk(Ask):
         models.say("checking")
         found = fs.audit(reduced, full, mass=self.mass or None, cutoff=self.cutoff or None, gyroscopic=self.gyroscopic,
                          floating={"yes": True, "no": False}.get(self.floating), units=units)
-        checks, frequencies = found.tables
+        checks, frequencies = found.tables()
         listed = ["", f"{frequencies.title}:", frequencies] if len(found.omega) else []
-        charts = [found.chart] if any(map(math.isfinite, found.lower)) else []
+        charts = [found.chart()] if any(map(math.isfinite, found.lower)) else []
         return Result({"audit": found.record()}, [found.answer, checks, *listed, *charts])
 
     def matrices(self, models: Models) -> Any:
@@ -130,7 +130,7 @@ class AuditAsk(Ask):
                          "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
                          "own_frame": int(np.isin(own.components, frames).sum()) if own else None, "trusted": found.trusted,
                          "faults": len(found.faults), "unknown": len(found.unknown)})
-            checks += [{"part": name, **row} for row in found.tables[0].rows]
+            checks += [{"part": name, **row} for row in found.tables()[0].rows]
             masses += [f"{name}: {one.said}" for one in found.findings if one.what == "mass and inertia"]
             faults += [f"{name}: {one.what}: {one.said}. {one.todo}." for one in found.faults]
             unknown += [f"{name}: {one.what}: {one.said}." for one in found.unknown]

@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.app.asks.cycles import CyclesAsk, small
 from femsub.app.asks.motion import whole
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column, label, studies
+from femsub.app.result import Result, Table, column, label
 from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class BranchAsk(CyclesAsk):
               f"{gap[self.branch]:.5g}: {gap['why']}" for item in whole for gap in item["missed"]),
             *["Special points"] * bool(special), *special,
             Table("branch", rows, title="Branches, point by point"), Table("branch-transients", dots, title="Transients"),
-            studies.bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
+            fs.motion.bifurcation_chart(whole, dots, self.branch, families, now, models.scene.name)])
 
     def guided(self, models: Models, model: Substructure, belt: Belt, guides: Sequence[Branch]) -> tuple[Branch,
                                                                                                          list[dict[str, Any]]]:

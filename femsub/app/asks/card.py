@@ -45,7 +45,7 @@ class CardAsk(Ask):
         data: list[dict[str, Any]] = []
         for number, card in enumerate(cards, 1):
             shown += [repr(card), card.sentence]
-            for table in card.tables:
-                shown.append(replace(table, name=f"card-{number}-{table.name}" if table.name else ""))
+            shown += [replace(table, name=f"card-{number}-{table.name}") for table in card.tables()]
+            shown.append(replace(card.chart(), name=f"card-{number}"))
             data.append({"sentence": card.sentence, "eigenvalue": complex(modes.eigenvalues[which[number - 1]])})
         return Result({"card": data}, [*shown, Remark([card.sentence for card in cards])])

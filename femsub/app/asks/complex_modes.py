@@ -80,7 +80,7 @@ class ComplexModesAsk(Ask):
                 if one not in ("counted", "full_counted")]
         shown += [words, Table("complex-modes", spectra, columns, "Complex modes", len(self.varying) + 3, only=only,
                                none=NO_GROWTH),
-                  studies.eigenvalue_chart(panels, f"{scene.name}{at_words}")]
+                  fs.modes.eigenvalue_chart(panels, f"{scene.name}{at_words}")]
         shown += remarks
         shown.append(Remark.of_completeness(shapes[0][1][0][1].evidence, at_words.replace(", ", " at ", 1)))
         parts = [name for row in unstable[:1] for name in row if name.startswith("energy_")]

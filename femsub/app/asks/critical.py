@@ -119,7 +119,7 @@ class CriticalAsk(Ask):
         for one in ordered:
             models.say(f"critical {self.critical} of {one.kind} with {one.model.size} DOF")
             model, contacts = models.over(one, [self.critical])
-            found[id(one)] = studies.first_loss(model, contacts, self.critical, between, band, near)
+            found[id(one)] = fs.stability.first_loss(model, contacts, self.critical, between, band, near)
             near = found[id(one)].value
         exact = found[id(models.exact)].value if id(models.exact) in found else float("nan")
         for one in chosen:
@@ -160,20 +160,13 @@ class CriticalAsk(Ask):
                                f"{count} loss{'es' * (count != 1)} of stability over {self.said}.", "Where is stability lost?")]
 
 
-def crossed(found: Any, known: float | None) -> list[dict[str, Any]]:
-    """A row for each loss and regain of stability."""
-    rows: list[dict[str, Any]] = []
-    located = any(one.value == found.value for one in found.losses)
-    several: list[tuple[str, Any]] = [*(("lost", one) for one in found.losses), *(("regained", one) for one in found.regains)]
-    if found.growing or not (located or (found.regains and np.isinf(found.value))):
-        where = "never lost" if np.isinf(found.value) else "lost at a place not known"
-        several.insert(0, ("lost at the begin" if found.growing else where, None))
-    for what, one in several:
-        first = located and known is not None and one is found.losses[0]
-        rows.append({"stability": what, "value": one and one.value, "kind": one.kind if one else "", "omega": one and one.omega,
-                     "reference": known if first or one is None else None,
-                     "error": abs(one.value - known) if one and first and known is not None else None, "width": one and one.width,
-                     "evidence": found.evidence})
+def crossed(found: fs.CriticalValue, known: float | None) -> list[dict[str, Any]]:
+    """A row for each loss and regain of stability; the first loss, and where there is none, beside a value that is `known`."""
+    rows = found.rows()
+    first = next((row for row in rows if row["value"] == found.value), None)
+    for row in rows:
+        row["reference"] = known if row is first or row["value"] is None else None
+        row["error"] = abs(row["value"] - known) if row is first and row is not None and known is not None else None
     return rows
 
 

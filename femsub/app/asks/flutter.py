@@ -10,8 +10,9 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
-from femsub.app.result import Remark, Result, Table, column, label, studies
+from femsub.app.result import Remark, Result, Table, label
 from femsub.errors import InputError
+from femsub.output import damping_percent
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -69,22 +70,13 @@ class FlutterAsk(Ask):
                 points[f"full model of {own.full.size} DOF"] = [
                     (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band), False).eigenvalues) for value
                     in self.full]
-        branches = [{"model": name, self.flutter: float(item.values[i]), "branch": j, "growth": float(value.real),
-                     "omega": float(value.imag), "damping": float(-100 * value.real / abs(value)) if value else 0.0,
-                     "error_bar": float(item.error_bar[i, j]), "grows": bool(item.growing[i, j])}
-                    for name, item in tracks.items() for i in np.flatnonzero(item.asked)
-                    for j, value in enumerate(item.eigenvalues[i]) if not np.isnan(value)]
+        branches = [{"model": name, **row} for name, item in tracks.items() for row in rows_of(item, "flutter")]
         branches += [{"model": "full", self.flutter: float(value), "growth": float(one.real), "omega": float(one.imag),
-                      "damping": float(-100 * one.real / abs(one))} for solved in points.values() for value, several in solved
+                      "damping": float(damping_percent(one))} for solved in points.values() for value, several in solved
                      for one in several]
-        meetings = [{"model": name, "kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),
-                     "growth": one.eigenvalue.real, "omega": one.eigenvalue.imag, "gap": one.gap,
-                     "condition": one.condition if np.isfinite(one.condition) else None,
-                     "error_bar": one.error_bar if np.isfinite(one.error_bar) else None}
-                    for name, item in tracks.items() for one in item.meetings]
-        columns = ["model", column("kind", "meeting", "s"), column("value", symbol, ".8g"), column("branches", form="d"),
-                   column("growth", form=".6f"), column("omega", "Im λ", ".6f"), column("gap", form=".0e"),
-                   column("condition", form=".0e"), "error_bar"]
+        meetings = [{"model": name, **row} for name, item in tracks.items() for row in rows_of(item, "flutter-meetings")]
+        columns = ["model", *next((table.columns for item in tracks.values() for table in item.tables()
+                                   if table.name == "flutter-meetings"), ())]
         losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}" for name, several
                            in crossings.items()
                            if several)
@@ -93,4 +85,9 @@ class FlutterAsk(Ask):
             Remark([f"Stability is lost in the flutter diagram: {losses}."] if losses else ()),
             Table("flutter", branches, title=f"Branches over {symbol}"),
             Table("flutter-meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
-            studies.flutter_chart("flutter", tracks, crossings, f"{symbol}  [-]", models.scene.name, points)])
+            fs.stability.flutter_chart("flutter", tracks, crossings, f"{symbol}  [-]", models.scene.name, points)])
+
+
+def rows_of(item: fs.Tracked, name: str) -> list[Any]:
+    """The rows of one of its tables; none where it has none."""
+    return [row for table in item.tables() if table.name == name for row in table.rows]

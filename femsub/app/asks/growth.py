@@ -55,7 +55,7 @@ class GrowthAsk(Ask):
                 if band[1] <= one.model.cutoff:  # else its modes above the cut-off would have a say
                     contacts = own.at({self.growth: 0.0})
                     panel["growth"][at] = fs.sweep(one.model, contacts, self.growth, values, band=band).growth
-                panel["critical_slope"][at] = studies.first_loss(one.model, own.linear, self.growth, None, band).value
+                panel["critical_slope"][at] = fs.stability.first_loss(one.model, own.linear, self.growth, None, band).value
         ordered = sorted(panels.items(), key=lambda one: list(dict.fromkeys(rest for _, rest in panels)).index(one[0][1]))
         found = {"slopes": values, "at": columns, "over": first, "panels": [one for _, one in ordered]}
         return Result({"growth": found}, [studies.growth_chart(found)])

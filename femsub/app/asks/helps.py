@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column, studies
+from femsub.app.result import Result, column
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
@@ -45,14 +45,8 @@ class HelpsAsk(Ask):
                       in self.helps.items()}
         found = fs.what_helps(known.model, models.at(self.at), candidates, self.target, band=models.band_below(known, self.band),
                               full=models.full if known.before else None, first=self.solved_in_full)
-        rows = [{"change": one.name, "amount": self.helps.get(one.name, float("nan")), "growth": one.growth,
-                 "by_slope": one.by_slope,
-                 "is_stable": one.is_stable, "in_full": one.in_full.growth if one.in_full is not None else None,
-                 "words": one.words}
-                for one in found.tried]
-        columns = [column("change", form="s"), column("amount", form=".5g"), column("growth", form=".5g"),
-                   column("by_slope", "by slope", ".5g"), "is_stable", column("in_full", "in full", ".5g")]
+        table, = found.tables()
+        rows = [{**row, "amount": self.helps.get(row["change"], float("nan"))} for row in table.rows]
+        columns = [table.columns[0], column("amount", form=".5g"), *table.columns[1:]]
         return Result({"helps": {"before": found.before.growth, "rows": rows}}, [
-            repr(found), Table("helps", rows, columns, "Changes"), studies.changes_chart("helps", found,
-                                                                                         f"{models.scene.name}: what "
-                                                                                 "helps")])
+            repr(found), replace(table, rows=rows, columns=columns), found.chart(f"{models.scene.name}: what helps")])

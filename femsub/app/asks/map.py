@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of
 from femsub.app.keys import key
-from femsub.app.result import Result, studies
+from femsub.app.result import Result
 from femsub.errors import InputError
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ class MapAsk(Ask):
                 spots=self.spots if full is not None else 0, progress=models.say)
         shown: list[Any] = [f"{name}: {one!r}" if name else repr(one) for name, one in maps.items()]
         for name, one in maps.items():
-            shown += studies.stability_map_tables("map" + f"-{name.replace(' = ', '-')}" * bool(name), one)
+            shown += fs.stability.stability_map_tables("map" + f"-{name.replace(' = ', '-')}" * bool(name), one)
         data = {"map": {"parameters": self.map, "share_undecided": {name: float(one.undecided.mean()) for name, one
                                                                     in maps.items()},
                         "growing": {name: int(one.number.max()) for name, one in maps.items()}}}
-        return Result(data, [*shown, studies.stability_map_chart("map", maps, f"{models.scene.name}: stability over "
+        return Result(data, [*shown, fs.stability.stability_map_chart("map", maps, f"{models.scene.name}: stability over "
                                                                  f"{self.map[0]} and {self.map[1]}")])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
@@ -25,4 +25,5 @@ class MassesAsk(Ask):
     def run(self, models: Models) -> Result:
         modes = fs.normal_modes(models.full, band=models.band_of(self.band))
         found = fs.effective_masses(models.full, modes, origin=self.masses)
-        return Result({"masses": list(found.table.rows)}, [repr(found), replace(found.table, name="masses")])
+        table, = found.tables()
+        return Result({"masses": list(table.rows)}, [repr(found), table, found.chart(f"{models.scene.name}: effective masses")])

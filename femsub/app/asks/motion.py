@@ -19,23 +19,9 @@ if TYPE_CHECKING:
     from femsub import ComplexModes, Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.motion import Spectrum
+    from femsub.motion import Track
 
 SHOW = ("growth", "quality", "signals", "spectrum", "spectrogram")
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """One model's run and what is seen of it in the window; None where it was interrupted before there was enough."""
-
-    kind: str  #: 'full', or the method's key
-    model: Any
-    run: Transient
-    window: tuple[float, float]
-    spectrum: Spectrum | None
-    row: dict[str, Any]
-    v: Any  #: the velocity at the place that is observed
-    speed: float | None  #: of the belt
 
 
 @dataclass(frozen=True)
@@ -77,12 +63,13 @@ class MotionAsk(Ask):
             raise InputError(f"window {self.window} reaches beyond the time {self.motion}")
 
     def run(self, models: Models) -> Result:
-        tracks: list[Track] = []
+        tracks, rows = list[Track](), list[dict[str, Any]]()
         with Interruptible() as work:
             for one in models.chosen(self.models):
-                tracks.append(self.track(models, one))
-                whole(tracks[-1].run)
-        rows = [item.row for item in tracks]
+                track, row = self.track(models, one)
+                tracks.append(track)
+                rows.append(row)
+                whole(track.run)
         place = self.observe or models.places[0]
         columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
                                                   cell=lambda row: strongest(row["peaks"])), "sticking",
@@ -108,22 +95,20 @@ class MotionAsk(Ask):
             found = Result(found.data | part.data, [*found.shown, *apart, *part.shown])
         return found
 
-    def track(self, models: Models, one: Known) -> Track:
-        """A model's run, and what it shows in the window: amplitude, frequencies, sticking."""
+    def track(self, models: Models, one: Known) -> tuple[Track, dict[str, Any]]:
+        """A model's run, and its row: amplitude, frequencies, sticking in the window."""
         run, window, _ = self.long_run(models, one)
-        place, belts = self.place(models), [contact for contact in models.contacts if isinstance(contact, fs.Belt)]
-        v = run.velocity(place)
+        place = self.place(models)
+        track = run.seen(place, window, one.kind)
         row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "cutoff": getattr(one.model, "cutoff", np.inf),
                                "window": list(window), "rms": None, "peaks": None, "heights": None, "sticking": None,
                                "energy_residual": run.energy.residual, "steps": run.effort.steps,
                                "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
-        inside, seen = (run.t >= window[0]) & (run.t <= window[1]), None
-        if run.complete and inside.sum() > 64:
-            seen = fs.spectrum(run.t, v, window)
-            row |= {"rms": fs.rms(run.t, v, window), "peaks": seen.peaks, "heights": seen.heights}
-            if belts and any(belt.port == place for belt in belts) and not run.contact.without_eps:
+        if track.spectrum is not None:
+            row |= {"rms": fs.rms(run.t, track.v, window), "peaks": track.spectrum.peaks, "heights": track.spectrum.heights}
+            if any(belt.port == place for belt in run.contact.belts) and not run.contact.without_eps:
                 row["sticking"] = fs.sticking(run, place, window)
-        return Track(one.kind, one.model, run, window, seen, row, v, belts[0].speed if belts else None)
+        return track, row
 
     def place(self, models: Models) -> str:
         """The port that is observed, as the model names it."""
@@ -195,48 +180,44 @@ class MotionAsk(Ask):
 
     def signals(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Velocities: all of the run, and the last ten periods."""
-        return Result({}, [studies.signals_chart(tracks)] * any(len(item.run.t) > 1 for item in tracks))
-
-    @staticmethod
-    def highest(tracks: Sequence[Track]) -> float:
-        """How far up spectra are drawn: the same for all."""
-        tops = [at for item in tracks for at in strongest(item.row["peaks"]) or []]
-        return 1.3 * max(tops, default=1.0)  # the highest peak stands clear of the edge
+        return Result({}, [fs.motion.signals_chart(tracks)] * any(len(item.run.t) > 1 for item in tracks))
 
     def spectrum(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Spectra in the window."""
         known = [item for item in tracks if item.spectrum is not None]
-        rows = [{"model": item.kind, "size": item.model.size, "omega": at, "amplitude": height} for item in known
-                for at, height in zip(item.row["peaks"], item.row["heights"], strict=True)]
+        rows = [{"model": item.kind, "size": item.size, "omega": at, "amplitude": height} for item in known
+                for at, height in zip(item.peaks, item.spectrum.heights, strict=True)]  # type: ignore[union-attr]
         return Result({"motion-spectrum": rows}, [Table("motion-spectrum", rows, title="Peaks of the spectra"), *(
-            [studies.spectra_chart(known, self.highest(tracks))] if known else [])])
+            [fs.motion.spectra_chart(known, fs.motion.highest(tracks))] if known else [])])
 
     def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Short-time spectra of the whole runs, on one scale."""
         unit = self.unit(models)[0] if self.in_periods else 1.0
         whole_time = (self.motion[1] - self.motion[0]) * unit
-        lowest = min((peaks[0] for item in tracks if (peaks := strongest(item.row["peaks"]))), default=np.inf)
+        lowest = min((item.peaks[0] for item in tracks if len(item.peaks)), default=np.inf)
         length = self.length * unit or max(whole_time / 50, min(20 * np.pi / lowest, whole_time / 4))
         made = [(item, fs.spectrogram(item.run.t, item.v, length)) for item in tracks
                 if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
-        rows = [{"model": item.kind, "size": item.model.size, "from": float(found.t[at]) - length / 2,
+        rows = [{"model": item.kind, "size": item.size, "from": float(found.t[at]) - length / 2,
                  "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
                 for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
         return Result({"motion-spectrogram": {"length": length, "strongest": rows}}, [
             Table("motion-spectrogram", rows, title="Strongest frequency over time"),
-            *([studies.spectrogram_chart(made, self.highest(tracks))] if made else [])])
+            *([fs.motion.spectrogram_chart([(item.name, found) for item, found in made], fs.motion.highest(tracks))]
+              if made else [])])
 
     def quality(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
 
         One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
         """
-        known = [item for item in tracks if item.spectrum is not None and len(item.row["peaks"])]
+        known = [item for item in tracks if len(item.peaks)]
         if not known or known[0].kind != "full":
             return Result({"motion-quality": []})
         exact, reduced = known[0], known[1:]
-        measured = [{"model": item.kind, "error_frequency": fs.modes.relative_error(item.row["peaks"][0], exact.row["peaks"][0]),
-                     "error_amplitude": fs.modes.relative_error(item.row["rms"], exact.row["rms"])} for item in reduced]
+        rms = [fs.rms(item.run.t, item.v, item.window) for item in known]
+        measured = [{"model": item.kind, "error_frequency": fs.modes.relative_error(item.peaks[0], exact.peaks[0]),
+                     "error_amplitude": fs.modes.relative_error(own, rms[0])} for item, own in zip(reduced, rms[1:], strict=True)]
         rows = studies.table_rows(exact.model, [item.model for item in reduced], models.contacts, measured)
         columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
                    column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),

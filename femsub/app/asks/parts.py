@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from femsub.app.asks import Ask
-from femsub.app.figures import parts_figure
 from femsub.app.keys import key
-from femsub.app.models import joined_mesh
 from femsub.app.result import Picture, Result, Table, column
 from femsub.app.shapes import vtu
+from femsub.components import joined_mesh, parts_figure
 
 if TYPE_CHECKING:
     from femsub.app.models import Models

@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Advice, Result, Table, column, label, studies
+from femsub.app.result import Advice, Result, Table, column, label
 from femsub.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class ResponseAsk(Ask):
                 f"frequencies; full model: {exact.evidence}, {int(exact.direct.sum())} solved directly, the others by "
                 f"{exact.modes} modes")
         shown: list[Any] = [head, table, Table("response", points, title="Receptances"),
-                            studies.response_chart(curves, f"{scene.name}: receptance {where}")]
+                            fs.modes.response_chart(curves, f"{scene.name}: receptance {where}")]
         data = {"evidence": exact.evidence, "modes": exact.modes, "direct": int(exact.direct.sum()), "sliding": self.sliding,
                 "loss": self.loss, "rows": rows}
         if not rows:

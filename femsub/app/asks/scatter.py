@@ -10,7 +10,7 @@ from scipy import stats
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of
 from femsub.app.keys import key
-from femsub.app.result import Result, studies
+from femsub.app.result import Result
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -53,5 +53,5 @@ class ScatterAsk(Ask):
         (lo, hi) = found.interval
         return Result({"scatter": {"probability": found.probability, "interval": [lo, hi], "undecided": found.undecided,
                                    "samples": len(found.samples)}}, [
-            repr(found), *studies.scatter_tables("scatter", found), studies.scatter_chart(
-                "scatter", found, f"{models.scene.name}: modes that grow where {', '.join(self.scatter)} scatter")])
+            repr(found), *found.tables(), found.chart(
+                f"{models.scene.name}: modes that grow where {', '.join(self.scatter)} scatter")])

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
-
-import numpy as np
+from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.asks.complex_modes import least_stable
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column
+from femsub.app.result import Result
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -49,15 +47,8 @@ class SensitivitiesAsk(Ask):
         values = {name: self.at.get(name, models.value(name)) for name in model.parameters} if models.pencil or isinstance(
             model, fs.BoxModel) else None
         found = fs.sensitivities(model, None if values is not None else models.at(self.at), modes, parameters, of=of, at=values)
-        rows: list[dict[str, Any]] = [
-            {"omega": float(value.imag), "growth": float(value.real), "parameter": name,
-             "growth_slope": float(found.first[i, j].real), "frequency_slope": float(found.first[i, j].imag),
-             "error_bar": float(found.error_bar[i, j])}
-            for i, value in enumerate(np.asarray(found.eigenvalues)) for j, name in enumerate(self.sensitivities)]
-        columns = ["omega", column("growth", form=".5g"), column("parameter", form="s"), column("growth_slope", "∂Re λ/∂p",
-                                                                                                ".5g"),
-                   column("frequency_slope", "∂Im λ/∂p", ".5g"), "error_bar"]
+        table, = found.tables()
         whose = "of the full model" if not known.before else f"of the model of {known.model.size} DOF"
-        return Result({"sensitivities": rows}, [
-            f"Derivatives of eigenvalues {whose}: {found!r}", Table("sensitivities", rows, columns, "Derivatives of eigenvalues",
-                                                                    keys=2)])
+        return Result({"sensitivities": table.rows}, [
+            f"Derivatives of eigenvalues {whose}: {found!r}", table,
+            found.chart(f"{models.scene.name}: change of Re λ by the whole of each parameter, to first order")])

@@ -13,12 +13,15 @@ from femsub.algebra import SMALL, reused_memory, unit_length
 from femsub.checks import NOT_CHECKED, Array, Matrix, Tally, check_band, instance, truth, until
 from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
+from femsub.modes.charts import modes_chart
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
 from femsub.modes.quadratic.projected_count import UNCOUNTED, Projection, Varied
 from femsub.modes.quadratic.region import region_of
 from femsub.modes.quadratic.search import SearchResult, count_over, projection_over, search
+from femsub.modes.shaped import Shaped
+from femsub.output import Chart, Table, damping_percent
 
 if TYPE_CHECKING:
     from femsub.model import Contacts
@@ -29,7 +32,7 @@ LOUD = 1e-9  # backward error above which there is a warning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ComplexModes:
+class ComplexModes(Shaped):
     """Complex modes of a model, made by `complex_modes`: k eigenpairs of λ²M + λD + K with their error bars.
 
     Attributes
@@ -135,10 +138,14 @@ class ComplexModes:
         return np.abs(self.eigenvalues.imag)
 
     @property
-    def damping_ratios(self) -> Array:
-        """-Re λ / |λ|, shape (k,); 0 for an eigenvalue at 0."""
-        size = np.abs(self.eigenvalues)
-        return np.divide(-self.eigenvalues.real, size, out=np.zeros_like(size), where=size > 0)
+    def frequencies_hz(self) -> Array:
+        """|Im λ| / 2π, shape (k,); Hz where the unit of time is the second."""
+        return self.frequencies / (2 * np.pi)
+
+    @property
+    def damping_percent(self) -> Array:
+        """-100 Re λ / |λ|, shape (k,); 0 for an eigenvalue at 0. Below 0 a mode grows."""
+        return damping_percent(self.eigenvalues)
 
     @property
     def growth(self) -> float:
@@ -147,6 +154,31 @@ class ComplexModes:
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
+
+    def tables(self) -> list[Table]:
+        """A row for each eigenvalue with Im λ ≥ 0, by frequency."""
+        stable = self.stable
+        chosen: Array = np.flatnonzero(self.eigenvalues.imag >= 0)
+        rows = [{"mode": number, "omega": float(self.eigenvalues[i].imag), "frequency_hz": float(self.frequencies_hz[i]),
+                 "growth": float(self.eigenvalues[i].real), "damping": float(self.damping_percent[i]),
+                 "error_bar": float(self.error_bar[i]), "backward_error": float(self.backward_error[i]), "is_stable": stable[i],
+                 "rigid": bool(self.rigid[i]), "above_cutoff": bool(self.above_cutoff[i])}
+                for number, i in enumerate(chosen[np.argsort(self.eigenvalues.imag[chosen], kind="stable")], 1)]
+        columns = ["mode", "omega", "growth", "damping", "error_bar", "is_stable"]
+        return [Table("complex-modes", rows, columns, "Complex modes")] if rows else []
+
+    def chart(self, title: str = "Complex modes") -> Chart:
+        """Im λ over Re λ, and over the damping ratio -Re λ/|λ| in %, of eigenvalues with Im λ ≥ 0; growing ones are red."""
+        return modes_chart(self, title)
+
+    def _drawn_first(self) -> list[int]:
+        """Growing modes, or the least stable one."""
+        grows = [int(i) for i in self.unstable if self.eigenvalues[i].imag > 0]
+        moving = np.flatnonzero(~self.rigid & (self.eigenvalues.imag > 0))
+        return grows or moving[np.argsort(-self.eigenvalues.real[moving])][:1].tolist()
+
+    def _called(self, i: int) -> str:
+        return f"ω = {self.eigenvalues[i].imag:.5g} rad/time, damping {self.damping_percent[i]:.3g} %"
 
     def __repr__(self) -> str:
         verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",

@@ -23,10 +23,12 @@ from femsub.coupling import Belt
 from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.model import Contact, Substructure, fields_of
 from femsub.motion.cycles.balance import Orbit, in_phase
+from femsub.motion.cycles.branch_chart import bifurcation_chart
 from femsub.motion.cycles.continuation import Path, Place, with_parameter
 from femsub.motion.cycles.hopf import HopfPoint, begun, hopf_point, limits_of
 from femsub.motion.cycles.limit_cycle import LimitCycle, flexibility_of
 from femsub.motion.nonlinear_model import sliding
+from femsub.output import Chart, Displayed, Table, column
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class SpecialPoint:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Branch:
+class Branch(Displayed):
     """A branch of limit cycles over a parameter of a contact, made by `branch`.
 
     Attributes
@@ -104,6 +106,17 @@ class Branch:
     def rows(self) -> list[dict[str, Any]]:
         """One row per point, for tables."""
         return [{self.parameter: float(value)} | point.row() for value, point in zip(self.values, self.points, strict=True)]
+
+    def tables(self) -> list[Table]:
+        """A row for each cycle."""
+        columns = [column(self.parameter, form=".6g"), "omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]
+        return [Table("branch", self.rows(), columns, f"Limit cycles over the {self.parameter}")]
+
+    def chart(self, title: str = "Limit cycles") -> Chart:
+        """The bifurcation diagram: rms of the speed under the belt and ω over the parameter, stable and unstable."""
+        family = float(self.hopf.omega if self.hopf is not None else self.omega[0])
+        own = {"model": "cycles", "family": family, "branch": self}
+        return bifurcation_chart([own], [], self.parameter, [family], None, title)
 
     def __repr__(self) -> str:
         begin = "" if self.hopf is None or self.hopf.supercritical is None else \

@@ -13,12 +13,14 @@ import numpy as np
 from femsub.checks import Array, finite_number, positive_number, whole_number
 from femsub.coupling import Belt
 from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
-from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two
+from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two, samples_of
+from femsub.motion.cycles.branch_chart import cycle_chart
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance
 from femsub.motion.cycles.floquet import Multipliers, multipliers
 from femsub.motion.cycles.initial_guess import harmonics_for, of_signal, orbits
 from femsub.motion.nonlinear_model import Sliding, State, sliding
 from femsub.motion.transient import DENSE, MOST_POINTS, PER_PERIOD, Transient, transient
+from femsub.output import Chart, Displayed, Table
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -31,7 +33,7 @@ TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and y
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class LimitCycle:
+class LimitCycle(Displayed):
     """A limit cycle, made by `harmonic_balance`: q(t + T) = q(t) of M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇), T = 2π/ω.
 
     Attributes
@@ -110,6 +112,18 @@ class LimitCycle:
         """Its numbers by their names, for tables."""
         return {"omega": self.omega, "rms": self.rms, "peak": self.peak, "sticking": self.sticking, "is_stable": self.is_stable,
                 "harmonics": self.orbit.harmonics, "truncation": self.truncation, "residual": self.residual}
+
+    def tables(self) -> list[Table]:
+        """One row: its numbers."""
+        columns = ["omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]
+        return [Table("cycle", [{**self.row(), "frequency_hz": self.omega / (2 * np.pi)}], columns, "Limit cycle")]
+
+    def chart(self, title: str = "Limit cycle") -> Chart:
+        """One period of the speeds v at the contacts, the orbit of v over the displacement u, and the harmonics of v."""
+        v = self._wave
+        moved = samples_of(self.orbit.v / self.orbit.s[:, None], v.shape[1])
+        t = np.linspace(0.0, self.period, v.shape[1], endpoint=False)
+        return cycle_chart(t, v, moved, self.omega, self.contact.belts[0].speed if self.contact.belts else None, title)
 
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, shape of t for one column, `(p, *t.shape)` for several."""

@@ -19,10 +19,12 @@ import numpy as np
 from femsub.checks import EPS, Array, finite_number, whole_number
 from femsub.errors import InputError, NotConvergedError
 from femsub.modes import all_modes
+from femsub.motion.cycles.branch_chart import cycle_chart
 from femsub.motion.cycles.limit_cycle import LimitCycle
 from femsub.motion.first_order import Flow
 from femsub.motion.nonlinear_model import State, sliding
 from femsub.motion.transient import TIGHTEST
+from femsub.output import Chart, Displayed, Table
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
@@ -33,7 +35,7 @@ OSCILLATIONS = 100  # of the lowest elastic mode in a period, at most: its integ
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotCycle:
+class ShotCycle(Displayed):
     """A limit cycle found by `shoot`.
 
     Attributes
@@ -86,6 +88,20 @@ class ShotCycle:
         """Whether all multipliers but the one nearest to 1 lie inside the unit circle."""
         others = np.delete(self.multipliers, np.argmin(np.abs(self.multipliers - 1)))
         return bool(np.abs(others).max(initial=0.0) < 1)
+
+    def tables(self) -> list[Table]:
+        """One row: its numbers."""
+        row = {"omega": self.omega, "frequency_hz": self.omega / (2 * np.pi), "rms": self.rms, "peak": self.peak,
+               "is_stable": self.is_stable, "residual": self.residual}
+        return [Table("cycle", [row], ["omega", "rms", "peak", "is_stable", "residual"], "Limit cycle")]
+
+    def chart(self, title: str = "Limit cycle") -> Chart:
+        """One period of the speeds v at the contacts, the orbit of v over the displacement u, and the harmonics of v."""
+        found = np.fft.rfft(self.velocity, axis=1)
+        k = np.arange(found.shape[1])
+        moved = np.fft.irfft(np.where(k > 0, found / (1j * self.omega * np.maximum(k, 1)), 0.0), self.velocity.shape[1], axis=1)
+        t = np.linspace(0.0, self.period, self.velocity.shape[1], endpoint=False)
+        return cycle_chart(t, self.velocity, moved, self.omega, None, title)
 
     def __repr__(self) -> str:
         return (f"ShotCycle: ω = {self.omega:.7g}, rms {self.rms:.6g}, peak {self.peak:.6g}, "

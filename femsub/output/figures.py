@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
 from itertools import pairwise
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from femsub.app.units import UNKNOWN, Units
 from femsub.checks import package
-from femsub.studies import ROUNDING, Chart, Panel
+from femsub.output.charts import ROUNDING, Chart, Panel
+from femsub.output.units import UNKNOWN, Units
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
 PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
@@ -40,10 +42,15 @@ MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several model
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
 
-def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
+def render(make: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
     """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
+    figure_of(make, units, note).canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
+
+
+def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -> Any:
+    """What a drawing function makes, in these units, with a note below its title."""
     with _matplotlib().rc_context(STYLE):
-        figure = draw()
+        figure = make()
         # labels in these units, and an axis in Hz on the other side of each in rad/s
         if units.known:
             for text in figure.findobj(_matplotlib().text.Text):
@@ -70,14 +77,31 @@ def render(draw: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note
         if title is not None:  # break the lines of a title that is wider than its figure
             room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
             title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
-        figure.canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
+    return figure
 
 
 def new_figure(width: float, height: float) -> Any:
     """An empty figure that belongs to no window and no global state."""
-    figure = _matplotlib().figure.Figure(figsize=(width, height), layout="constrained")
+    figure = _figures()(figsize=(width, height), layout="constrained")
     _matplotlib().backends.backend_agg.FigureCanvasAgg(figure)
     return figure
+
+
+@cache
+def _figures() -> Any:
+    """The class of figures: matplotlib's, which are drawn in `STYLE` wherever that is, and which notebooks show."""
+
+    class Figure(_matplotlib().figure.Figure):  # type: ignore[misc]
+        def draw(self, renderer: Any) -> None:
+            with _matplotlib().rc_context(STYLE):
+                super().draw(renderer)
+
+        def _repr_png_(self) -> bytes:
+            file = io.BytesIO()
+            self.canvas.print_png(file)
+            return file.getvalue()
+
+    return Figure
 
 
 def draw(chart: Chart) -> Any:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.studies.charts import Chart, Level, Panel, Series
-from femsub.studies.tables import Table
+from femsub.output import Chart, Level, Panel, Series, Table
 
 if TYPE_CHECKING:
-    from femsub.stability import Scatter
+    from femsub.stability.scatter import Scatter
 
 NOTE = ("Left: each mode that grows at a sample. Middle: the probability that a family of modes grows, with its interval. Right: "
         "the probability of instability where one input is among its lowest or highest tenth.")

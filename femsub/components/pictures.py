@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from femsub import Mesh, components
-from femsub.app.figure_style import PAGE, SIZES, legend_below, new_figure
 from femsub.checks import Array
+from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
+from femsub.output import PAGE, SIZES, legend_below, new_figure
 
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
 AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen
@@ -80,7 +80,7 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection, PolyCollection
 
-    faces = components.corner_nodes(mesh, *components.boundary_faces(mesh))
+    faces = corner_nodes(mesh, *boundary_faces(mesh))
     scale = ScalarMappable(cmap="viridis")
     scale.set_clim(0, 1)
     stretch = SIZES.stretch * np.ptp(mesh.points, axis=0).max()
@@ -211,8 +211,8 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
             polygons: list[Array] = []
             fills = []
             for name in _far_to_near(moved):  # the visible faces, the nearest last
-                plane, front, normal = _front(moved[name], components.corner_nodes(
-                    meshes[name], *components.boundary_faces(meshes[name])))
+                plane, front, normal = _front(moved[name], corner_nodes(
+                    meshes[name], *boundary_faces(meshes[name])))
                 polygons += list(plane[front])
                 fills.append((0.7 + 0.3 * np.clip(normal @ LIGHT, 0, 1))[:, None] * colours[name])
             axis.add_collection(PolyCollection(polygons, facecolors=np.concatenate(fills), **edge))

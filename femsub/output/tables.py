@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub.reduction import METHODS
-
 WIDTH = 80  # columns of a terminal that every table fits
 GAPS = ("  ", " ")  # between columns; the second where a table fits with it alone
 NONE = "-"  # where there is no value
@@ -27,15 +25,13 @@ class Look(NamedTuple):
     marker: str
 
 
-#: of whole systems, which no key of a scene names
-SETTLED = {"contact-modes": Look("Contact modes", "#c51b7d", "*"), "real-modes": Look("Real modes", "#8a8a8a", "o")}
+#: of reduced models by the keys of their methods; each method enters its own
+LOOKS = {"contact-modes": Look("Contact modes", "#c51b7d", "*"), "real-modes": Look("Real modes", "#8a8a8a", "o")}
 
 
 def look(model: Any) -> Look:
     """That of a reduced model by its method's key; of the full model, or any other, the key itself and black circles."""
-    method = METHODS.get(model)
-    return SETTLED.get(model, Look(str(model), "black", "o")) if method is None else Look(
-        method.label, method.colour, method.marker)
+    return LOOKS.get(model, Look(str(model), "black", "o"))
 
 
 def label(model: Any) -> str:

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from femsub.checks import Array
-from femsub.studies.tables import Look, look
+from femsub.output.tables import Look, look
 
 ROUNDING = 1e-13  # errors below are rounding, and drawn there
+#: line, hollow and width of models of one method: the most modes first on springs, last in receptances
+STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))
 
 
 @dataclass(frozen=True)
@@ -221,3 +223,29 @@ def finite(values: Any) -> Array:
 def floored(errors: Iterable[float | None]) -> list[float]:
     """Errors as they are drawn: those of rounding at `ROUNDING`, NaN for those that are not known."""
     return [max(float(error), ROUNDING) if error is not None and math.isfinite(error) else math.nan for error in errors]
+
+
+def nested(at: int) -> float:
+    """The size of a mark: those drawn later are smaller, so that marks that lie on each other are all seen."""
+    return max(7.5 - 2 * at, 3.0)
+
+
+def damping_percent(eigenvalues: Any) -> Array:
+    """-100 Re λ/|λ|; 0 at λ = 0."""
+    values = np.asarray(eigenvalues, dtype=complex)
+    size = np.abs(values)
+    return np.divide(-100 * values.real, size, out=np.zeros(values.shape) * size, where=size > 0)
+
+
+def linear_up_to(values: Any, piled: float = 0.03, decades: int = 5) -> float:
+    """Where an axis of values of both signs becomes logarithmic; 0 where it need not.
+
+    It is logarithmic where half of the sizes are below `piled` of the largest, so that they would lie on each other at 0. It has
+    at most so many `decades` on each side of 0.
+    """
+    sizes = np.abs(np.asarray(values, dtype=float))
+    sizes = sizes[np.isfinite(sizes)]
+    sizes = sizes[sizes > ROUNDING * sizes.max(initial=0.0)]
+    if not len(sizes) or np.median(sizes) > piled * sizes.max():
+        return 0.0
+    return float(10.0 ** max(np.floor(np.log10(np.quantile(sizes, 0.2))), np.ceil(np.log10(sizes.max())) - decades))

@@ -1,4 +1,4 @@
-"""Charts of components and of the paper: friction laws, critical slopes, eigenvalues, interfaces on springs, receptances."""
+"""Charts of several models: friction laws, critical values, growth over what varies, interfaces on springs."""
 
 from __future__ import annotations
 
@@ -8,16 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from femsub.studies.charts import ROUNDING, Chart, Heat, Level, Panel, Series, finite, floored, hover_of, look
-from femsub.studies.tables import grouped
+from femsub.output import ROUNDING, STYLES, Chart, Heat, Level, Panel, Series, finite, floored, grouped, hover_of, look, nested
 
 ERROR = "relative error  [-]"
 MISSING = "Where a point is missing, the band reaches above the model's cut-off, or stability is never lost."
-HOLLOW = "Right of the line Re λ = 0 a mode grows. Hollow marks of reduced models lie above their cut-off."
-RESPONSE = "The error is bounded: the difference from the full model's receptance, and what is not known of both."
-PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
-#: line, hollow and width of models of one method: the most modes first on springs, last in receptances
-STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))
 SHADES = ("#9ecae1", "#4292c6", "#08519c", "#000000")
 
 def friction_chart(speeds: Any, curves: Sequence[Mapping[str, Any]], titles: Mapping[str, str], speed: float,
@@ -98,72 +92,6 @@ def curves_of(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list
             for (model, count), own in grouped(rows, "model", by).items()]
 
 
-def nested(at: int) -> float:
-    """The size of a mark: those drawn later are smaller, so that marks that lie on each other are all seen."""
-    return max(7.5 - 2 * at, 3.0)
-
-
-def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: float = 0.4, piled: float = 0.03,
-                     decades: int = 5) -> Chart:
-    """Eigenvalues in the complex plane (the paper's Fig. 4); hollow above the reduced model's cut-off.
-
-    Where those of the reduced models would lie in one clump, in less than this part of the full model's range of Im λ, a second
-    row of the figure shows them enlarged: what fills more is seen well enough. Where half of |Re λ| are below `piled` of the
-    largest, they would pile up at 0: the axis is logarithmic, with at most so many `decades` on each side of 0.
-    """
-    places = grouped(models, "panel")
-    # the frames around the reduced models' eigenvalues below their cut-off
-    frames: dict[str, tuple[tuple[float, float], tuple[float, float]]] = {}
-    for name, several in places.items():
-        every = np.concatenate([np.asarray(model["eigenvalues"]) for model in several])
-        values = np.concatenate([np.zeros(0), *(np.asarray(model["eigenvalues"])[~np.asarray(model["above_cutoff"])]
-                                                for model in several if model["model"] != "full")])
-        values = values[values.imag >= 0]
-        if len(values) and values.imag.max() < clump * every.imag.max():
-            low, high = -0.05 * values.imag.max(), 1.15 * values.imag.max()
-            seen = every[(every.imag >= low) & (every.imag <= high)]
-            room = 0.08 * (np.ptp(seen.real) or high)
-            frames[name] = (float(seen.real.min() - room), float(seen.real.max() + room)), (float(low), float(high))
-    # the decade from which on the axis of Re λ is logarithmic
-    growth = np.abs(np.concatenate([np.asarray(model["eigenvalues"]).real for model in models]))
-    growth = growth[np.isfinite(growth)]
-    growth, linear = growth[growth > ROUNDING * growth.max(initial=0.0)], dict[str, float]()
-    if len(growth) and np.median(growth) <= piled * growth.max():
-        linear["x"] = float(10.0 ** max(np.floor(np.log10(np.quantile(growth, 0.2))), np.ceil(np.log10(growth.max())) - decades))
-    # panels
-    line = [Level(0.0, line="solid", colour="#808080")]
-    sizes = {name: " and ".join(dict.fromkeys(str(model["size"]) for model in several if model["model"] != "full"))
-             for name, several in places.items()}  # '5', or '9 and 10' where the methods differ
-    panels = [Panel(_spectra(several), *PLANE, f"{name} ({sizes[name]} DOF)" if len(several) > 1 else name, levels=line,
-                    share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None, linear=linear)
-              for name, several in places.items()]
-    for name, several in places.items() if frames else ():
-        limits = dict(zip("xy", frames[name], strict=True)) if name in frames else {}
-        panels.append(Panel(_spectra(several, True) if name in frames else (), *PLANE,
-                            "the grey part, enlarged" if name in frames else "", levels=line, limits=limits,
-                            where="figure"))
-    return Chart("complex-modes", f"Eigenvalues: {title}", panels, len(places), note=HOLLOW, width=1.0 if len(places) > 1
-                 else 0.7,
-                 height=3.6, columns=3)
-
-
-def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd: int = 60) -> list[Series]:
-    """The full model as large circles, the reduced ones within them; small ones for more eigenvalues than a `crowd`."""
-    series = []
-    for at, model in enumerate(models):
-        values, beyond = np.asarray(model["eigenvalues"]), np.asarray(model["above_cutoff"])
-        full, label = model["model"] == "full", look(model["model"]).label
-        size = (10.0 if len(values) <= crowd or enlarged else 5.0) if full else nested(at - 1)
-        for chosen, hollow, word in ((~beyond, full, label), (beyond, True, f"{label}, above its cut-off")):
-            own = values[chosen]
-            if len(own):
-                hover = {"DOF": [model["size"]] * len(own), "Re λ": own.real, "ω [rad/time]": own.imag,
-                        "error bar of Re λ": np.asarray(model["error_bar"])[chosen],
-                        "damping [%]": [-100 * z.real / abs(z) if z.imag else None for z in own]}
-                series.append(Series(word, own.real, own.imag, model["model"], size=size, hollow=hollow, hover=hover))
-    return series
-
-
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:
     """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
 
@@ -190,25 +118,3 @@ def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8)
     return Chart("springs", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
                  note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
                  f"{ROUNDING:g}.", height=4.0, columns=3)
-
-
-def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
-    """|h| and its phase over ω for each model, and for reduced models the bound of the relative error.
-
-    A curve has `model`, `modes`, `size`, `omega`, `magnitude`, `phase` in degrees and, of a reduced model, `error`.
-    """
-    panels = []
-    for key, label, logs in (("magnitude", "|h|  [length/force]", "y"), ("phase", "phase of h  [°]", ""),
-                             ("error", "bound of the error over |h|  [-]", "y")):
-        seen: dict[str, int] = {}
-        series = []
-        for curve in curves:
-            if key not in curve:
-                continue
-            at = seen.setdefault(curve["model"], 0)
-            seen[curve["model"]] += 1
-            line, _, width = STYLES[at % len(STYLES)] if curve["model"] != "full" else ("solid", False, 2.2)
-            series.append(Series(f"{look(curve['model']).label}, {curve['size']} DOF{curve.get('words', '')}", curve["omega"],
-                                 np.asarray(curve[key], dtype=float), curve["model"], line, "", width=width))
-        panels.append(Panel(series, "ω  [rad/time]", label, logs=logs, rounding=key == "error", share={"x": "omega"}))
-    return Chart("response", title, panels, note=RESPONSE, height=2.0, columns=3)

@@ -16,14 +16,14 @@ from femsub.checks import EPS, Array, instance, mapping, real_array, word
 from femsub.errors import InputError, NotConvergedError
 from femsub.model import MOTIONS, ReducedSubstructure, Substructure
 from femsub.modes import all_modes
-from femsub.studies.tables import Column, Table, column, fitted
+from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table, column, fitted
 
 if TYPE_CHECKING:
     from femsub.modes import NormalModes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class EffectiveMasses:
+class EffectiveMasses(Displayed):
     """Participation factors and effective masses of modes, made by `effective_masses`.
 
     L = ΦᵀP, Γ = L / m, effective masses Γ² m = L² / m, with the forces P (n, d) of the rigid accelerations.
@@ -96,8 +96,7 @@ class EffectiveMasses:
                           for share, name in zip(self.shares.sum(axis=0), self.directions, strict=True))
         return f"EffectiveMasses: {len(self.frequencies)} modes move {moved}"
 
-    @property
-    def table(self) -> Table:
+    def tables(self) -> list[Table]:
         """The effective masses as shares of the whole, and lines of sums."""
         lines = [(at + 1, omega, share) for at, (omega, share) in enumerate(zip(self.frequencies, self.shares, strict=True))]
         held = np.isnan(self.reach).all()
@@ -109,11 +108,20 @@ class EffectiveMasses:
                                            ("mass", None, self.mass)]]
         own = [Column(name, name, "s", "", f"share of the whole mass that the mode moves, {name}", cell=partial(_printed, name))
                for name in self.directions]
-        return Table("effective-masses", rows, [Column("mode", "mode", "s"), column("omega", "ω", ".6g"), *own],
-                     "Effective masses, as shares of the whole")
+        return [Table("masses", rows, [Column("mode", "mode", "s"), column("omega", "ω", ".6g"), *own],
+                      "Effective masses, as shares of the whole")]
+
+    def chart(self, title: str = "Effective masses") -> Chart:
+        """What the modes up to each frequency move together of the whole mass, in %, in each direction."""
+        order = np.argsort(self.frequencies, kind="stable")
+        sums = 100 * np.cumsum(self.shares[order], axis=0)
+        series = [Series(name, self.frequencies[order], sums[:, at], line="solid", size=4.0, colour=f"C{at % 10}",
+                         marker="os^Dv<"[at % 6]) for at, name in enumerate(self.directions)]
+        return Chart("masses", title, [Panel(series, "ω  [rad/time]", "share of the whole, summed up  [%]",
+                                             levels=[Level(100.0, "", "y", "dot")], limits={"y": (-3.0, 106.0)})], width=0.8)
 
     def __str__(self) -> str:
-        return fitted(self.table.text())
+        return fitted(self.tables()[0].text())
 
 
 def _printed(name: str, row: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""Where a model first loses its stability over a parameter of its contacts: the one place where studies ask for it."""
+"""Where a model first loses its stability over a parameter of its contacts, for tables of many models."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import numpy as np
 from femsub.coupling import Belt
 from femsub.errors import CutoffWarning, FemsubError, InputError
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of, family_of
-from femsub.stability import critical_slope, first_value, pencil_over
+from femsub.stability.critical_value import critical_slope, first_value
+from femsub.stability.parameter import pencil_over
 
 UNKNOWN = ("stability is lost beyond {} = {:.6g}, at a place that is not known: more modes grow there, but none was found to "
            "cross. Modes without any damping may have met on the axis: give damping. Or a growing mode came into the band at its "

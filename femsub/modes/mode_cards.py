@@ -34,7 +34,7 @@ from femsub.model import (
     small_matrices,
 )
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
-from femsub.studies.tables import Column, Table, column, fitted
+from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table, column, fitted
 
 if TYPE_CHECKING:
     from femsub.model import Contact, Contacts
@@ -103,7 +103,7 @@ class ContactWork(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModeCard:
+class ModeCard(Displayed):
     """What a complex mode is made of and what feeds it, made by `mode_cards`.
 
     Attributes
@@ -212,8 +212,7 @@ class ModeCard:
     def __repr__(self) -> str:
         return f"ModeCard: {self.sentence}"
 
-    @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> list[Table]:
         """The real modes with their phases, the parts, and what adds up to Re λ."""
         rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
                 | ({"mass": max(one.mass_shares.values()), "way": max(one.mass_shares, key=one.mass_shares.__getitem__)}
@@ -227,15 +226,32 @@ class ModeCard:
                  for key, share in self.energy.items()]
         forces = [{"force": key, "growth": part, "work": self.work[key]} for key, part in self.growth.items()]
         forces.append({"force": "sum: Re λ", "growth": sum(self.growth.values()), "work": sum(self.work.values())})
-        return (made, Table("parts", parts, ["part", Column("kinetic", "kinetic energy", ".1%"),
+        return [made, Table("parts", parts, ["part", Column("kinetic", "kinetic energy", ".1%"),
                                              Column("elastic", "elastic energy", ".1%"),
                                              Column("phase", "phase [°]", ".0f", "°", "of most motion, beside the whole")],
                             "The parts"),
                 Table("forces", forces, [Column("force", "force", "s"), Column("growth", "part of Re λ", ".4g", "1/time"),
-                                         Column("work", "work in a period", ".4g")], "What feeds it"))
+                                         Column("work", "work in a period", ".4g")], "What feeds it")]
+
+    def chart(self, title: str = "") -> Chart:
+        """The shares of the real modes, of the parts in the kinetic energy, and what adds up to Re λ."""
+        bars = (("real mode", "share of the mode  [%]", [(f"{one.name}, {one.frequency:.5g} rad/time", 100 * one.share)
+                                                        for one in self.real_modes]),
+                ("part", "share of the kinetic energy  [%]", [(name, 100 * share) for name, share in self.energy.items()]),
+                ("force", "part of Re λ  [1/time]", list(self.growth.items())))
+        panels = []
+        for what, label, rows in bars:
+            series = [one for rank, (name, value) in enumerate(rows, 1) for one in (
+                Series("", [0.0, value], [rank, rank], line="solid", marker="", width=6.0, legend=False,
+                       colour="#c0392b" if what == "force" and value > 0 else "#2166ac"),
+                Series("", [value / 2], [rank - 0.35], marker="", colour="black", legend=False, labels=[name]))]
+            panels.append(Panel(series, label, f"rank of the {what}", levels=[Level(0.0, line="solid", colour="#808080")],
+                                limits={"y": (len(rows) + 0.5, 0.3)}))
+        most = max(len(rows) for *_, rows in bars)
+        return Chart("card", title or self.sentence, panels, 3, width=1.25, height=1.2 + 0.4 * most)
 
     def __str__(self) -> str:
-        return fitted("\n\n".join([self.sentence, *(one.text() for one in self.tables)]))
+        return fitted("\n\n".join([self.sentence, *(one.text() for one in self.tables())]))
 
 
 def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexModes, which: Iterable[int] | None = None, *,

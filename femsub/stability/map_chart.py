@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.studies.charts import Chart, Heat, Panel, Series, finite
-from femsub.studies.tables import Table, column
+from femsub.output import Chart, Heat, Panel, Series, Table, column, finite
 
 if TYPE_CHECKING:
-    from femsub.stability import StabilityMap
+    from femsub.stability.stability_map import StabilityMap
 
 NOTE = "Lines: borders, where the number of growing modes changes. Undecided points are hatched in the figure alone."
 BORDERS = {"black": "border", "#1b7837": "border of divergence (ω = 0)"}

@@ -1,0 +1,70 @@
+"""`Shaped`: modes whose shapes are drawn on the meshes of their parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from femsub.checks import Array, whole_numbers
+from femsub.components import joined_shapes, moved_fields, shapes_figure, turned
+from femsub.errors import InputError
+from femsub.output import Displayed, figure_of, units_of
+
+if TYPE_CHECKING:
+    from femsub.components import Mesh
+    from femsub.model import Substructure
+
+FIRST = 6  # shapes of a figure, where it is not said which: more would be too small
+
+
+class Shaped(Displayed):
+    """Modes of a model: what they are drawn with, beside their chart and their tables."""
+
+    shapes: Array
+
+    def _drawn_first(self) -> list[int]:
+        """The modes that are drawn where it is not said which."""
+        raise NotImplementedError
+
+    def _called(self, i: int) -> str:
+        """The title of a shape."""
+        raise NotImplementedError
+
+    def plot_shapes(self, model: Substructure, meshes: Mesh | Mapping[str, Mesh], modes: Sequence[int] | None = None, *,
+                    title: str = "", units: Any = "") -> Any:
+        """A figure of shapes on their meshes, the largest displacement of each 1; complex ones at the phase of that displacement.
+
+        Parameters
+        ----------
+        model : Substructure
+            The one whose modes these are, full or reduced.
+        meshes : Mesh or mapping of str to Mesh
+            That of the model, or those of its parts by their names, all of one kind of cells. Parts without one are not drawn.
+        modes : sequence of int, optional
+            Positions in the list of modes. Default: six at most, of normal modes the first elastic ones, of complex modes those
+            that grow, or the least stable one.
+        title : str
+        units : str or mapping
+            See `plot`.
+
+        Raises
+        ------
+        InputError
+            No mode of this number; a mesh of no part, or of another part; DOF that are not known by nodes and directions.
+
+        Examples
+        --------
+        >>> import femsub as fs
+        >>> mesh = fs.block((1.0, 0.1, 0.1), (10, 1, 1), "hexahedron")
+        >>> bar = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["left"])
+        >>> figure = fs.normal_modes(bar, count=3).plot_shapes(bar, mesh, units="SI")
+        >>> len(figure.axes)
+        4
+        """
+        count = self.shapes.shape[1]
+        chosen = self._drawn_first()[:FIRST] if modes is None else whole_numbers("modes", modes).tolist()
+        if not chosen or not all(-count <= i < count for i in chosen):
+            raise InputError(f"modes must be positions among {count} modes, not {modes if modes is not None else chosen}")
+        mesh, fields = joined_shapes(*moved_fields(model, self.shapes[:, chosen], meshes))
+        titles = [self._called(i) for i in chosen]
+        return figure_of(lambda: shapes_figure(mesh, turned(fields).real, titles, title or "Modes", {}), units_of(units))

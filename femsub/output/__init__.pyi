@@ -1,0 +1,47 @@
+from .charts import (
+    ROUNDING as ROUNDING,
+    STYLES as STYLES,
+    Chart as Chart,
+    Heat as Heat,
+    Level as Level,
+    Panel as Panel,
+    Series as Series,
+    damping_percent as damping_percent,
+    finite as finite,
+    floored as floored,
+    hover_of as hover_of,
+    linear_up_to as linear_up_to,
+    nested as nested,
+)
+from .displayed import Displayed as Displayed, picture as picture, units_of as units_of
+from .figures import (
+    HERTZ as HERTZ,
+    MANY as MANY,
+    PAGE as PAGE,
+    SIZES as SIZES,
+    STYLE as STYLE,
+    draw as draw,
+    draw_panel as draw_panel,
+    few_decades as few_decades,
+    figure_of as figure_of,
+    label_points as label_points,
+    legend_below as legend_below,
+    new_figure as new_figure,
+    render as render,
+)
+from .tables import (
+    KNOWN as KNOWN,
+    LOOKS as LOOKS,
+    WIDTH as WIDTH,
+    Column as Column,
+    Look as Look,
+    Table as Table,
+    column as column,
+    fitted as fitted,
+    grouped as grouped,
+    label as label,
+    look as look,
+    span as span,
+    table as table,
+)
+from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units
