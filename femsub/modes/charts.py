@@ -129,7 +129,7 @@ def frequencies_chart(modes: NormalModes, title: str) -> Chart:
         "residual": modes.residual[chosen]}) for word, chosen, colour, hollow in (
             ("rigid", numbers <= modes.rigid, "#e69f00", True), ("elastic", numbers > modes.rigid, "#0067a5", False))
         if chosen.any()]
-    return Chart("modes", title, [Panel(series, "number of the mode  [-]", "ω  [rad/time]")], width=0.8)
+    return Chart("modes", title, [Panel(series, "number of the mode  [-]", "ω  [rad/time]", whole="x")], width=0.8)
 
 
 def receptances_chart(found: FrequencyResponse, title: str, most: int) -> Chart:

@@ -246,7 +246,7 @@ class ModeCard(Displayed):
                        colour="#c0392b" if what == "force" and value > 0 else "#2166ac"),
                 Series("", [value / 2], [rank - 0.35], marker="", colour="black", legend=False, labels=[name]))]
             panels.append(Panel(series, label, f"rank of the {what}", levels=[Level(0.0, line="solid", colour="#808080")],
-                                limits={"y": (len(rows) + 0.5, 0.3)}))
+                                limits={"y": (len(rows) + 0.5, 0.3)}, whole="y"))
         most = max(len(rows) for *_, rows in bars)
         return Chart("card", title or self.sentence, panels, 3, width=1.25, height=1.2 + 0.4 * most)
 

@@ -64,8 +64,11 @@ class Spectrogram(Displayed):
     length: float  #: length of the window in time
 
     def chart(self, title: str = "Spectrogram", highest: float | None = None) -> Chart:
-        """Amplitudes in colours over time and ω, up to `highest`."""
-        return replace(spectrogram_chart([("", self)], float(self.omega[-1]) if highest is None else highest), title=title)
+        """Amplitudes in colours over time and ω, up to `highest`: by default all that is more than a thousandth of the largest."""
+        if highest is None:
+            loud = (self.amplitude > 1e-3 * self.amplitude.max()).any(axis=1)
+            highest = float(self.omega[min(int(np.flatnonzero(loud).max(initial=0)) + 1, len(self.omega) - 1)])
+        return replace(spectrogram_chart([("", self)], highest), title=title)
 
     def __repr__(self) -> str:
         return f"Spectrogram: {len(self.t)} windows of {self.length:g} from t = {self.t[0]:g} to {self.t[-1]:g}, " \

@@ -110,6 +110,8 @@ class Panel:
         The logarithmic axes: '', 'x', 'y' or 'xy'.
     linear : mapping of str to float
         Axes of a figure that are logarithmic on both sides of 0, and linear up to this size.
+    whole : str
+        Axes of whole numbers: '', 'x', 'y' or 'xy'.
     levels : sequence of Level
     limits : mapping of str to (float, float)
         Of 'x' and 'y', where they are not those of the data.
@@ -140,6 +142,7 @@ class Panel:
     where: str = ""
     band: tuple[float, float] | None = None
     linear: Mapping[str, float] = field(default_factory=dict)
+    whole: str = ""
     heat: Heat | None = None
 
 

@@ -137,6 +137,10 @@ def draw(chart: Chart) -> Any:
     for axis, panel in zip(axes, shown, strict=False):
         if "x" in panel.logs:
             few_decades(axis)
+        elif across > 2 and "x" not in panel.linear and panel.heat is None:  # all numbers have room
+            axis.locator_params(axis="x", nbins=5)
+        for which in panel.whole:
+            getattr(axis, f"{which}axis").set_major_locator(_matplotlib().ticker.MaxNLocator(integer=True, min_n_ticks=1))
     legend_below(figure, axes[:len(shown)], chart.columns)
     figure.suptitle("\n".join(filter(None, (chart.title, chart.about))))
     label_points(figure, labels)
@@ -323,5 +327,5 @@ def _gap(box: Any, point: Any) -> float:
 
 def _matplotlib() -> Any:
     found = [package(f"matplotlib{name}", "figures need matplotlib", "matplotlib", otherwise=" (--no-figures draws none)")
-             for name in ("", ".backends.backend_agg", ".figure", ".lines", ".text")]
+             for name in ("", ".backends.backend_agg", ".figure", ".lines", ".text", ".ticker")]
     return found[0]

@@ -40,7 +40,7 @@ def changes_chart(name: str, found: WhatHelps, title: str) -> Chart:
                            size=8.0))
     levels = [Level(now, "as it is", line="dot"), Level(found.target, "target")]
     panel = Panel(bars, "largest Re λ  [1/time]", "rank of the candidate", levels=levels,
-                  limits={"y": (len(tried) + 0.5, 0.4)})
+                  limits={"y": (len(tried) + 0.5, 0.4)}, whole="y")
     return Chart(name, title, [panel], note=NOTE, height=1.5 + 0.45 * len(tried), columns=6)
 
 
@@ -85,7 +85,8 @@ def sensitivities_chart(found: Sensitivities, title: str, most: int) -> Chart:
     slopes = np.where(whole, found.relative.real, found.growth)
     bars = np.where(whole, np.abs(found.values), 1.0) * found.error_bar
     names = [name if known else f"{name}, by one unit" for name, known in zip(found.parameters, whole, strict=True)]
-    chosen = np.argsort(-found.eigenvalues.real, kind="stable")[:most]
+    upper = np.flatnonzero(found.eigenvalues.imag >= 0)
+    chosen = upper[np.argsort(-found.eigenvalues[upper].real, kind="stable")][:most]
     panels = []
     for k in chosen:
         order = np.argsort(-np.abs(np.nan_to_num(slopes[k])), kind="stable")
@@ -101,6 +102,6 @@ def sensitivities_chart(found: Sensitivities, title: str, most: int) -> Chart:
         panels.append(Panel(series, "change of Re λ  [1/time]", "rank of the parameter",
                             f"λ = {found.eigenvalues[k].real:.4g} {found.eigenvalues[k].imag:+.5g}i",
                             levels=[Level(0.0, line="solid", colour="#808080")], limits={"y": (len(order) + 0.5, 0.3)},
-                            linear={"x": up_to} if up_to else {}))
-    left = f"{most} of {len(found.eigenvalues)} eigenvalues are drawn" if len(found.eigenvalues) > most else ""
+                            whole="y", linear={"x": up_to} if up_to else {}))
+    left = f"{most} of {len(upper)} eigenvalues are drawn" if len(upper) > most else ""
     return Chart("sensitivities", title, panels, min(2, len(panels)), about=left, height=1.2 + 0.4 * len(names))

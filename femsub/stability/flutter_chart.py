@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22")
 COUPLED = ("coalescence", "splitting")  # kinds of meetings
+OUTGROWN = 10.0  # times the largest growth: a growth rate that is smaller can be seen on one linear axis
 OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction
 MEETS = "d"  # no model's mark
 STABLE, UNSTABLE, OTHER = "#4d4d4d", "#e8998d", "#9a9a9a"
@@ -127,12 +128,15 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         lowest, most = float(values.min()), float(values.max())
         room = 0.06 * ((most - lowest) or 1.0)  # around the curves
         low = max(lowest - room, -room) if part == "imag" else lowest - room
-        linear = {"y": one} if part != "imag" and (one := linear_up_to(values)) else {}
+        # damped modes must not set the scale of what grows: beside them the axis is logarithmic
+        grow = np.abs(values[every.real > 0]).max(initial=0.0)
+        up_to = 10.0 ** np.floor(np.log10(grow)) if grow else linear_up_to(values)
+        linear = {"y": float(up_to)} if part != "imag" and up_to and np.abs(values).max() > OUTGROWN * grow else {}
         limits = {} if linear else {"y": (low, most + room)}
         panels.append(Panel([one for each in found for one in each[part]], re.sub(r"\bmu\b", "μ", label), y, about,
                             levels=levels if part == "imag" else [*levels, axis], limits=limits, linear=linear,
                             share={"x": "parameter"}))
-    return Chart(name, f"{title}: flutter diagram", panels, note=NOTE, width=0.875, height=2.5, columns=2)
+    return Chart(name, f"{title}{': f' if title else 'F'}lutter diagram", panels, note=NOTE, width=0.875, height=2.5, columns=2)
 
 
 def coupled(item: Tracked) -> list[tuple[int, ...]]:

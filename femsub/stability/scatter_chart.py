@@ -47,7 +47,7 @@ def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, st
         Panel(cloud, "Re λ  [1/time]", "Im λ  [rad/time]", "modes that grow", "x"),
         Panel(bars, "Im λ  [rad/time]", "probability that it grows  [-]", "families of modes", limits={"y": (-0.03, 1.03)}),
         Panel(tornado, "probability of instability  [-]", "rank of the input", "inputs", limits={
-            "x": (-0.03, 1.03), "y": (len(order) + 0.5, 0.4)}, levels=[Level(found.probability, "all samples")])]
+            "x": (-0.03, 1.03), "y": (len(order) + 0.5, 0.4)}, levels=[Level(found.probability, "all samples")], whole="y")]
     return Chart(name, title, panels, 3, note=NOTE, height=3.2, columns=4, width=1.3, about=(
         f"unstable with probability {found.probability:.3g} in [{lo:.3g}, {hi:.3g}] at {100 * found.confidence:g} %; "
         f"{100 * found.undecided:.2g} % undecided; {len(found.samples):,} samples"))

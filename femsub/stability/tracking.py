@@ -109,7 +109,7 @@ class Tracked(Displayed):
                  Table("flutter-meetings", meetings, columns, "Where modes meet")]
         return [one for one in found if one.rows]
 
-    def chart(self, title: str = "Modes", crossings: Sequence[Crossing] = (), label: str = "") -> Chart:
+    def chart(self, title: str = "", crossings: Sequence[Crossing] = (), label: str = "") -> Chart:
         """The flutter diagram: Im λ, Re λ and the damping ratio in % over the parameter.
 
         Coupled modes have one colour, others are grey. `crossings` are losses and regains that are known, as of `critical_value`.

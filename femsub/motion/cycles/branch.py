@@ -112,7 +112,7 @@ class Branch(Displayed):
         columns = [column(self.parameter, form=".6g"), "omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]
         return [Table("branch", self.rows(), columns, f"Limit cycles over the {self.parameter}")]
 
-    def chart(self, title: str = "Limit cycles") -> Chart:
+    def chart(self, title: str = "") -> Chart:
         """The bifurcation diagram: rms of the speed under the belt and ω over the parameter, stable and unstable."""
         family = float(self.hopf.omega if self.hopf is not None else self.omega[0])
         own = {"model": "cycles", "family": family, "branch": self}
