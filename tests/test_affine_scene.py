@@ -184,7 +184,7 @@ def test_a_band_counts_and_an_empty_one_is_told(tmp_path: Path, capsys: pytest.C
 def test_what_grows_from_the_begin_on_is_told_beside_its_regain(tmp_path: Path) -> None:
     text = 'scene = "affine"\n[parameter.speed]\nbetween = [0.06, 0.2]\n[[ask]]\ncritical = "speed"\n'
     rows = run(tmp_path, text)["critical"]
-    assert [row["stability"] for row in rows] == ["lost at the begin", "regained"]
+    assert [row["stability"] for row in rows] == ["lost at the start", "regained"]
     assert rows[1]["value"] == pytest.approx(border(0.4, 0.06, 0.2)[0], abs=1e-10)
 
 

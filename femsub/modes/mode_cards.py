@@ -306,7 +306,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     >>> import femsub as fs
     >>> model = fs.Pencil([[1, 0], [0, 1]], [[0.02, 0], [0, 0.02]], [[2, 0.3], [-0.3, 2.2]])
     >>> modes = fs.complex_modes(model)
-    >>> print(fs.mode_cards(model, None, modes, modes.unstable)[0].tables[2].text())
+    >>> print(fs.mode_cards(model, None, modes, modes.unstable)[0].tables()[2].text())
     force        part of Re λ  work in a period
     -----------  ------------  ----------------
     circulatory       0.09737            0.8886

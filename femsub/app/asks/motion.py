@@ -63,7 +63,8 @@ class MotionAsk(Ask):
             raise InputError(f"window {self.window} reaches beyond the time {self.motion}")
 
     def run(self, models: Models) -> Result:
-        tracks, rows = list[Track](), list[dict[str, Any]]()
+        tracks: list[Track] = []
+        rows: list[dict[str, Any]] = []
         with Interruptible() as work:
             for one in models.chosen(self.models):
                 track, row = self.track(models, one)
