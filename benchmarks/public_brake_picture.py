@@ -101,7 +101,7 @@ def figure(folder: Path, count: int = 181) -> Any:
             axis.plot([at] * len(values), y, "ok", ms=4.5, mfc="none", mew=0.9, zorder=4,
                       label=f"printed by its authors' program ({sum(map(len, theirs.values()))} λ)")
     axes[0].set(ylabel="Im λ / 2π  [Hz]", ylim=(0, 3300), title="frequencies", xlim=(min(theirs) - 0.15, max(theirs) + 0.15))
-    axes[1].set(ylabel="damping ratio ζ  [%]", ylim=(-0.55, 0.35), xlabel="speed of the disc Ω / 2π  [1/s]",
+    axes[1].set(ylabel="damping ratio ζ  [%]", ylim=(-0.55, 0.35), xlabel="speed of the disc Ω / 2π  [turns/s]",
                 title="damping: a mode grows where it is below zero")
     axes[1].axhspan(-0.55, 0.0, color="#e41a1c", alpha=0.07, lw=0, zorder=0)
     axes[1].axhline(0.0, color="black", lw=0.9, zorder=1)
