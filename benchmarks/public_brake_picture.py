@@ -45,7 +45,7 @@ def printed() -> dict[float, Array]:
 
 
 def unlike(found: Array, theirs: Array, radius: Array | float = 0.0) -> list[complex]:
-    """Those of each list that the other lacks: a part differs by more than a unit in the fourth digit, as printed, and `radius`."""
+    """λ of each list that the other lacks: a part differs by more than a unit in the fourth digit and `radius`."""
     def digits(value: Array) -> Array:
         return 10.0 ** (np.floor(np.log10(np.abs(value))) - 3)
 
@@ -80,7 +80,7 @@ def figure(folder: Path, count: int = 181) -> Any:
     tracked = fs.track(small, None, "speed", speeds, band=BAND)
     losses = fs.critical_value(small, None, "speed", between=(speeds[0], speeds[-1]), band=BAND).losses
     drawn = new_figure(5.6, 5.4)
-    axes, colours, turns = drawn.subplots(2, 1, sharex=True, height_ratios=[1, 1.2]), iter(PARTS), tracked.values / TURN
+    axes, colours, places = drawn.subplots(2, 1, sharex=True, height_ratios=[1, 1.2]), iter(PARTS), tracked.values / TURN
     for j in np.argsort(tracked.eigenvalues[-1].imag):
         branch, bar = tracked.eigenvalues[:, j], tracked.error_bar[:, j]
         looks: list[tuple[Array, dict[str, Any]]] = [
@@ -95,10 +95,10 @@ def figure(folder: Path, count: int = 181) -> Any:
                                   "label": f"{branch.imag[0] / TURN:,.0f} Hz, undecided within its radius"}))
         for where, look in looks:
             for axis, y in zip(axes, (branch.imag / TURN, damping(branch)), strict=True):
-                axis.plot(turns, np.where(where, y, np.nan), **look)
-    for at, values in theirs.items():
+                axis.plot(places, np.where(where, y, np.nan), **look)
+    for turn, values in theirs.items():
         for axis, y in zip(axes, (values.imag / TURN, damping(values)), strict=True):
-            axis.plot([at] * len(values), y, "ok", ms=4.5, mfc="none", mew=0.9, zorder=4,
+            axis.plot([turn] * len(values), y, "ok", ms=4.5, mfc="none", mew=0.9, zorder=4,
                       label=f"printed by its authors' program ({sum(map(len, theirs.values()))} λ)")
     axes[0].set(ylabel="Im λ / 2π  [Hz]", ylim=(0, 3300), title="frequencies", xlim=(min(theirs) - 0.15, max(theirs) + 0.15))
     axes[1].set(ylabel="damping ratio ζ  [%]", ylim=(-0.55, 0.35), xlabel="speed of the disc Ω / 2π  [turns/s]",

@@ -1,7 +1,7 @@
 """The public brake M0: eigenvalues that its authors' program printed, and the picture that shows them.
 
-Source: BrakeSqueal 0.1 (github.com/nae9on/BrakeSqueal0.1, commit 04726db), the output in model_reduction.ipynb. The matrices are no
-part of femsub.
+Source: BrakeSqueal 0.1 (github.com/nae9on/BrakeSqueal0.1, commit 04726db), the output in model_reduction.ipynb. The matrices are
+not part of femsub.
 """
 
 from __future__ import annotations
@@ -38,16 +38,17 @@ def test_eigenvalues_are_those_that_the_authors_program_printed(turns: float) ->
     modes, theirs = fs.complex_modes(brake(M0).at(speed=TURN * turns), band=BAND), printed()[turns]
     assert modes.evidence == "certified"
     assert not unlike(modes.eigenvalues[modes.eigenvalues.real > -10], theirs)
-    assert (np.sort(modes.eigenvalues[modes.unstable].imag) / theirs[theirs.real > 1e-3].imag == pytest.approx(1, rel=1e-3)
-            ) or modes.is_stable is None
+    assert len(modes.unstable) == (theirs.real > 0).sum()
 
 
 def test_the_picture_shows_what_was_printed_on_lines_of_a_certified_model() -> None:
-    for panel, of in (("frequencies", lambda values: values.imag / TURN), ("damping: a mode grows where it is below zero", damping)):
+    panels = {"frequencies": lambda values: values.imag / TURN, "damping: a mode grows where it is below zero": damping}
+    for panel, of in panels.items():
         here = [row for row in SHOWN if row["panel"] == panel]
-        circles = [(x, y) for row in here if row["line"].startswith("printed by") for x, y in zip(row["x"], row["y"], strict=True)]
+        printed_by = [row for row in here if row["line"].startswith("printed by")]
+        circles = [(x, y) for row in printed_by for x, y in zip(row["x"], row["y"], strict=True)]
         theirs = [(turns, y) for turns, values in printed().items() for y in of(values)]
-        assert sorted(circles) == pytest.approx(sorted(theirs), rel=1e-3)
+        assert np.array(sorted(circles)) == pytest.approx(np.array(sorted(theirs)), rel=6e-4)  # of four digits
         # each circle lies on a line, but for what drawing between kept speeds and four digits cost
         lines = [row for row in here if row["line"] == "small model, certified"]
         at = np.array([[np.interp(x, row["x"], row["y"]) for row in lines] for x, _ in circles])
