@@ -37,11 +37,15 @@ COLUMNS = {"model": "", "DOF": ",d", "seconds": ".1f", "ms per Ω": ".0f", "brea
            "error in the band": ".0e", "λ in the band": "", "Ω with the growing λ": "d"}
 
 
+def matrices(folder: Path) -> list[Any]:
+    """M, D₁, D_G, D_R, D₄, K₁, K_R and K_geo of the public brake M0, each (4669, 4669)."""
+    return [sp.csr_array(next(value for name, value in loadmat(folder / f"{file}.mat").items() if not name.startswith("_")))
+            for file in ("BMLL", "BDLL", "BYLL", "BDIWLL", "BHLL", "BKLL", "BKQLL", "BWLL")]
+
+
 def brake(folder: Path) -> fs.Affine:
     """D = D₁ + D_R/Ω + Ω D_G + D₄/1600 and K = K₁ + K_R + Ω² K_geo of 4,669 DOF."""
-    M, D1, DG, DR, D4, K1, KR, KG = (
-        sp.csr_array(next(value for name, value in loadmat(folder / f"{file}.mat").items() if not name.startswith("_")))
-        for file in ("BMLL", "BDLL", "BYLL", "BDIWLL", "BHLL", "BKLL", "BKQLL", "BWLL"))
+    M, D1, DG, DR, D4, K1, KR, KG = matrices(folder)
     return fs.Affine(M, [(1.0, D1), (lambda speed: 1 / speed, DR), ("speed", DG), (1 / 1600, D4)],
                      [(1.0, K1), (1.0, KR), (lambda speed: speed**2, KG)])
 

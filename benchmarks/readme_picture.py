@@ -1,4 +1,4 @@
-"""The README's picture: a brake's flutter diagram over friction, by one small model that is proved, and a mode that grows.
+"""A picture of the first page: a brake's flutter diagram over friction, by one small model that is proved, and a mode that grows.
 
     python -m benchmarks readme-picture [--out DIR]
 

@@ -80,8 +80,8 @@ html_theme_options = {
 }
 #: the first pages of all, and their names in the bar at the top; a folder stands for its index, or for its pages if it has none
 FIRST = {"install": "Install", "tutorials": "Tutorials", "guide": "Guide", "methods": "Methods", "extend": "Extend",
-         "gallery": "Gallery", "reference": "Reference", "evidence": "Evidence", "performance": "Speed", "peers": "Peers",
-         "benchmarks": "Benchmarks"}
+         "gallery": "Gallery", "reference": "Reference", "how-sure": "How sure", "evidence": "Evidence", "performance": "Speed",
+         "peers": "Peers", "benchmarks": "Benchmarks"}
 
 
 def add_contents(app: Sphinx, document: str, text: list[str]) -> None:

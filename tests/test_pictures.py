@@ -90,10 +90,16 @@ def test_extreme_cases_are_counted_once() -> None:
         (count, right, refused)]
 
 
-def test_the_readme_begins_with_a_picture_that_has_data() -> None:
-    first = re.search(r"!\[[^\]]+\]\(docs/pictures/([^)]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
-    assert first and first[1] == "brake-over-friction.png"
-    lines = [(row["line"], row["x"], row["y"]) for row in DATA[first[1]]["shows"] if row["panel"] == "frequencies"]
+def test_the_first_pages_begin_with_the_public_brake() -> None:
+    """Its numbers are tested in test_public_brake.py."""
+    for page, folder in (("README.md", "docs/pictures/"), ("docs/index.md", "pictures/")):
+        first = re.search(r"!\[[^\]]+\]\(([^)]+)\)", (ROOT / page).read_text(encoding="utf-8"))
+        assert first and first[1] == f"{folder}public-brake.png"
+
+
+def test_the_brake_over_its_friction_has_cells_and_names_what_grows() -> None:
+    shows = DATA["brake-over-friction.png"]["shows"]
+    lines = [(row["line"], row["x"], row["y"]) for row in shows if row["panel"] == "frequencies"]
     cells = sorted((x[0], x[-1], int(re.findall(r"\d+", name)[0])) for name, x, _ in lines if name.startswith("cell: "))
     assert any("small model" in name and name.endswith("certified") for name, *_ in lines)  # all cells, which cover the range
     assert cells[0][0] == 0.0 and cells[-1][1] == 0.7 and all(one[1] == next_one[0] for one, next_one in pairwise(cells))
@@ -104,7 +110,7 @@ def test_the_readme_begins_with_a_picture_that_has_data() -> None:
 
 
 @pytest.mark.slow
-def test_the_readme_s_picture_shows_the_brake_of_today() -> None:
+def test_the_brake_over_its_friction_is_that_of_today() -> None:
     """The mode that is drawn on the mesh, by the full model."""
     (mu, hertz), (_, growth) = ((row["x"][0], row["y"][0]) for row in DATA["brake-over-friction.png"]["shows"]
                                 if row.get("line") == "mode on the right")

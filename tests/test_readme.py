@@ -56,7 +56,7 @@ def test_all_kinds_of_blocks_are_known() -> None:
 
 
 def test_the_readme_can_be_read_to_its_end() -> None:
-    assert len(TEXTS["README"].splitlines()) <= 150
+    assert len(TEXTS["README"].splitlines()) <= 120
     numbers = re.findall(r"(?<![\w.])\d[\d.,]*\w*", " ".join(prose("README")))
     assert len(numbers) <= 20, numbers
 
