@@ -23,9 +23,9 @@ import numpy as np
 import femsub as fs
 from benchmarks.over_a_range import BAND, matrices
 from benchmarks.pictures import save
-from femsub.app.figure_style import legend_below, new_figure
-from femsub.app.figures import PARTS
 from femsub.checks import Array
+from femsub.components.pictures import PARTS
+from femsub.output import damping_percent, legend_below, new_figure
 
 DATA = Path(__file__).resolve().parent / "data" / "public-brake.json"
 TURN = 2 * np.pi
@@ -52,11 +52,6 @@ def unlike(found: Array, theirs: Array, radius: Array | float = 0.0) -> list[com
     apart, radii = found[:, None] - theirs, np.broadcast_to(radius, found.shape)[:, None]
     alike = (np.abs(apart.real) <= digits(theirs.real) + radii) & (np.abs(apart.imag) <= digits(theirs.imag) + radii)
     return [*found[~alike.any(axis=1)], *theirs[~alike.any(axis=0)]]
-
-
-def damping(eigenvalues: Array) -> Array:
-    """ζ = -Re λ / |λ| in per cent, below 0 where a mode grows."""
-    return -100 * eigenvalues.real / np.abs(eigenvalues)
 
 
 def figure(folder: Path, count: int = 181) -> Any:
@@ -94,10 +89,10 @@ def figure(folder: Path, count: int = 181) -> Any:
             looks.append((open_, {"color": "black", "lw": 1.6, "ls": ":", "zorder": 3,
                                   "label": f"{branch.imag[0] / TURN:,.0f} Hz, undecided within its radius"}))
         for where, look in looks:
-            for axis, y in zip(axes, (branch.imag / TURN, damping(branch)), strict=True):
+            for axis, y in zip(axes, (branch.imag / TURN, damping_percent(branch)), strict=True):
                 axis.plot(places, np.where(where, y, np.nan), **look)
     for turn, values in theirs.items():
-        for axis, y in zip(axes, (values.imag / TURN, damping(values)), strict=True):
+        for axis, y in zip(axes, (values.imag / TURN, damping_percent(values)), strict=True):
             axis.plot([turn] * len(values), y, "ok", ms=4.5, mfc="none", mew=0.9, zorder=4,
                       label=f"printed by its authors' program ({sum(map(len, theirs.values()))} λ)")
     axes[0].set(ylabel="Im λ / 2π  [Hz]", ylim=(0, 3300), title="frequencies", xlim=(min(theirs) - 0.15, max(theirs) + 0.15))

@@ -15,7 +15,8 @@ import pytest
 
 import femsub as fs
 from benchmarks.over_a_range import BAND
-from benchmarks.public_brake_picture import TURN, brake, damping, printed, unlike
+from benchmarks.public_brake_picture import TURN, brake, printed, unlike
+from femsub.output import damping_percent
 
 ROOT = Path(__file__).resolve().parents[1]
 M0 = ROOT.parent / "shared" / "brake-m0"
@@ -42,7 +43,7 @@ def test_eigenvalues_are_those_that_the_authors_program_printed(turns: float) ->
 
 
 def test_the_picture_shows_what_was_printed_on_lines_of_a_certified_model() -> None:
-    panels = {"frequencies": lambda values: values.imag / TURN, "damping: a mode grows where it is below zero": damping}
+    panels = {"frequencies": lambda values: values.imag / TURN, "damping: a mode grows where it is below zero": damping_percent}
     for panel, of in panels.items():
         here = [row for row in SHOWN if row["panel"] == panel]
         printed_by = [row for row in here if row["line"].startswith("printed by")]

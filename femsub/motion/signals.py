@@ -64,7 +64,7 @@ class Spectrogram(Displayed):
     length: float  #: length of the window in time
 
     def chart(self, title: str = "Spectrogram", highest: float | None = None) -> Chart:
-        """Amplitudes in colours over time and ω, up to `highest`: by default all that is more than a thousandth of the largest."""
+        """Amplitudes in colours over time and ω, up to `highest`: by default all above a thousandth of the largest."""
         if highest is None:
             loud = (self.amplitude > 1e-3 * self.amplitude.max()).any(axis=1)
             highest = float(self.omega[min(int(np.flatnonzero(loud).max(initial=0)) + 1, len(self.omega) - 1)])

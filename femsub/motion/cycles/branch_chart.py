@@ -74,7 +74,8 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
                     levels=[] if now is None else [Level(now, "value of the scene", line="dot", colour="#999999")],
                     share={"x": f"{family}"},
                     among=f"from the mode at ω = {family:.4g} rad/time", where="" if key in ("rms", "omega") else "page"))
-    return Chart("branch", f"{title}{': l' if title else 'L'}imit cycles over the {parameter}, v under the belt", panels, across, note=NOTE,
+    head = f"{title}: limit cycles" if title else "Limit cycles"
+    return Chart("branch", f"{head} over the {parameter}, v under the belt", panels, across, note=NOTE,
                  width=1.0 if across > 1 else 0.7, height=2.3, columns=3 if across == 1 else 4)
 
 
