@@ -136,7 +136,8 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         panels.append(Panel([one for each in found for one in each[part]], re.sub(r"\bmu\b", "μ", label), y, about,
                             levels=levels if part == "imag" else [*levels, axis], limits=limits, linear=linear,
                             share={"x": "parameter"}))
-    return Chart(name, f"{title}: flutter diagram" if title else "Flutter diagram", panels, note=NOTE, width=0.875, height=2.5, columns=2)
+    head = f"{title}: flutter diagram" if title else "Flutter diagram"
+    return Chart(name, head, panels, note=NOTE, width=0.875, height=2.5, columns=2)
 
 
 def coupled(item: Tracked) -> list[tuple[int, ...]]:
