@@ -13,6 +13,7 @@ from . import (
 from .app.grammar import Scene as Scene
 from .components.beam import beam as beam
 from .components.chain import chain as chain, chain_frequencies as chain_frequencies
+from .components.facing import Facing as Facing, facing as facing
 from .components.fields import displacements as displacements
 from .components.grids import annulus as annulus, block as block, rectangle as rectangle
 from .components.material_change import MaterialChange as MaterialChange
