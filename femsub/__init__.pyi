@@ -19,8 +19,10 @@ from .components.grids import annulus as annulus, block as block, rectangle as r
 from .components.material_change import MaterialChange as MaterialChange
 from .components.mesh import Mesh as Mesh
 from .components.plate import plate as plate
+from .components.point import node as node
 from .components.solid import solid as solid
 from .components.solid_assembly import Material as Material
+from .components.space_beam import space_beam as space_beam
 from .coupling.assembly import System as System, couple as couple
 from .coupling.contacts.belt import Belt as Belt, StribeckArctan as StribeckArctan, StribeckArctanOdd as StribeckArctanOdd
 from .coupling.contacts.friction_contact import FrictionContact as FrictionContact

@@ -140,7 +140,7 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
     found = Facing((ours, where), (theirs, set_name), {ours: meshes[ours], theirs: meshes[theirs].with_sets(**{set_name: nodes})},
                    nodes, faces, (float(one.sizes.sum()), float(other.sizes[chosen].sum())),
                    (covered(one, face, w), covered(other, pair, w / turned, chosen)), tol)
-    warn_of_uncovered(one, other, found.coverage[0], *titles)
+    warn_of_uncovered(one, other, found.coverage[0], tol, *titles)
     return found
 
 
@@ -157,13 +157,14 @@ def digits(one: Surface, other: Surface) -> float:
     return POSITION * float(max(np.abs(one.points).max(), np.abs(other.points).max()))
 
 
-def warn_of_uncovered(one: Surface, other: Surface, share: float, first: str, second: str) -> None:
+def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | None, first: str, second: str) -> None:
     """Warns that a share of the first surface alone lies on the second, but not of a border moved by the last digits."""
     area = float(one.sizes.sum())
     if share < 1 - digits(one, other) * one.border / area:
-        warn(f"only {percent(share)} of {first} lies on {second} (straight edges): {percent(1 - share)} of its area of {area:.4g} "
-             "has no partner there, and nothing acts on it. Move a part, refine the meshes, name a larger second surface, or give "
-             "a larger tol", PortWarning)
+        within = reach(one, np.arange(len(one.faces)), tol).max()
+        warn(f"only {percent(share)} of {first} lies on {second} (straight edges, within {within:.3g}): {percent(1 - share)} of its "
+             f"area of {area:.4g} has no partner there, and nothing acts on it. Move a part, refine the meshes, name a larger "
+             "second surface, or give a larger tol", PortWarning)
 
 
 def percent(share: float) -> str:

@@ -281,7 +281,7 @@ class FrictionContact(Joint):
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
         points = contact_points(surfaces[0], surfaces[1], self.tol)
         if points.second is not None:
-            warn_of_uncovered(points.first.surface, points.second.surface, points.share, self.first, self.second)
+            warn_of_uncovered(points.first.surface, points.second.surface, points.share, self.tol, self.first, self.second)
         return points
 
     def _mesh(self, name: str) -> tuple[Mesh, str, str]:
