@@ -130,10 +130,13 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
                "no face of one lies before a face of the other; move a part")
         raise InputError(f"{' and '.join(titles)} do not face each other: {why}")
     face, pair, w, turned = here.face[met], there.face[met], w[met], -opposed[met]
-    # faces that share an edge with those that are met overlap by the digits of the coordinates
-    _, at = np.unique(face * len(other.faces) + pair, return_inverse=True)
-    small = np.minimum(one.sizes[face], other.sizes[pair])
-    chosen = np.unique(pair[np.bincount(at, w)[at] > digits(one, other) * np.sqrt(small)])
+    # faces beside those that are met overlap them by a strip as wide as the digits of the coordinates
+    key = face * len(other.faces) + pair
+    order = np.argsort(key, kind="stable")
+    first_of = np.flatnonzero(np.diff(key[order], prepend=-1))
+    x, size = x[met][order], np.add.reduceat(w[order], first_of)
+    extent = np.linalg.norm(np.maximum.reduceat(x, first_of) - np.minimum.reduceat(x, first_of), axis=1)
+    chosen = np.unique(pair[order][first_of][size > digits(one, other) * extent])
     faces = other.rows[other.faces[chosen]]
     nodes = np.unique(faces)
     set_name = word("name", name) or "-".join([*([among] if among else []), "facing", ours.replace(".", "-"), where])
@@ -170,7 +173,7 @@ def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | N
 def percent(share: float) -> str:
     """'100 %', '99.0 %', '44 %' of a share: both it and what it lacks have two digits."""
     least = 100 * min(share, 1 - share)
-    return f"{100 * share:.{max(0, 1 - int(np.floor(np.log10(least)))) if least > 100 * EQUAL else 0}f} %"
+    return f"{100 * share:.{max(0, 1 - int(np.floor(np.log10(least * (1 + EQUAL))))) if least > 100 * EQUAL else 0}f} %"
 
 
 def _end(what: str, end: Any) -> tuple[str, str]:

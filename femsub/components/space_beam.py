@@ -116,6 +116,8 @@ def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: An
     rows = 6 * np.arange(m)[:, None] + np.arange(12)
     K, M = gathered(rows, 6 * (m + 1), matrices)
     every = np.arange(6 * (m + 1))
+    whole = 1 / (float(np.sum(h / (E * np.minimum(I_y, I_z)))) * float(h.sum())**2)  # about a third of a tip's stiffness, 3EI/L³
+    warn_of_rounding(K, every % 6 < 3, whole, name, "take longer elements", growth=0.2)
     dofs = DofMap(1 + every // 6, every % 6, MOTIONS, x[every // 6])
 
     def node(place: Any, what: str) -> int:
