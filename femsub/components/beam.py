@@ -30,8 +30,10 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
 
     K = Σ_e ∫ EI N''N''ᵀ + k_f NNᵀ dx, M = Σ_e ∫ ρA NNᵀ dx with the cubics N of (w, w,x) at both ends, (n, n).
     This is bending in one plane, without rotary inertia and shear: EI w'''' + k_f w + ρA ẅ = 0. Each node has the DOF w and
-    w,x (labels of the DOF map). Nodes count from 1, from the left end at x = 0. Held DOF are removed. A pinned beam has
-    ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power of the element's length.
+    w,x (labels of the DOF map). w is uz, and w,x is -ry: `Kinematic` and `Averaged` mind the sign, and lists of DOF that join w,x
+    to ry are refused. For joints with solids and nodes at any place there is `space_beam`. Nodes count from 1, from the left end
+    at x = 0. Held DOF are removed. A pinned beam has ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power
+    of the element's length.
 
     Any consistent units: m, kg, s with E in Pa; or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9), I in mm⁴,
     A in mm². ω is in rad/s in both.
