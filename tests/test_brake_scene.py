@@ -179,7 +179,7 @@ def test_pads_that_do_not_touch_and_sets_that_are_not_there_are_told(tmp_path: P
         return Scene(table | {"contact": {name: {**one, **pairs[name]} for name, one in table["contact"].items()}}, tmp_path)
 
     assert Scene(table, tmp_path).models.full.size == models().full.size
-    with pytest.raises(fs.InputError, match=r"contact.inboard: inboard.face and disc.outboard do not face each other: no face of one"):
+    with pytest.raises(fs.InputError, match=r"contact.inboard: inboard.face and disc.outboard do not face each other: no"):
         _ = rubbing(["inboard.face", "disc.outboard"], ["outboard.face", "disc.inboard"]).models.full
     with pytest.raises(fs.InputError, match="do not face each other"):
         _ = rubbing(["inboard.back", "disc.inboard"], ["outboard.back", "disc.outboard"]).models.full

@@ -36,6 +36,16 @@ class Facing:
         The share of each of these areas that has a partner, 0 to 1.
     tol : float or None
         The largest distance that was given.
+
+    Examples
+    --------
+    >>> import femsub as fs
+    >>> import numpy as np
+    >>> low, high = fs.block((1.0, 1.0, 1.0), (2, 2, 1)), fs.block((1.0, 1.0, 0.5), (3, 3, 1))
+    >>> high = fs.Mesh(high.points + [0.0, 0.0, 1.0], high.cells, high.kind, high.sets)
+    >>> found = fs.facing(("b", "bottom"), "a", {"a": low, "b": high})
+    >>> np.round(found.coverage, 9).tolist(), found.faces.shape
+    ([1.0, 1.0], (4, 8))
     """
 
     first: tuple[str, str]
@@ -60,8 +70,8 @@ class Facing:
             if np.array_equal(mesh.points, own.points) and np.array_equal(mesh.cells, own.cells):
                 found[name] = own.nodes(name)
         if not found:
-            raise InputError(f"the mesh {mesh.name!r} is neither that of {self.first[0]!r} nor that of {self.second[0]!r}, between "
-                             "which these faces were found")
+            raise InputError(f"the mesh {mesh.name!r} is neither that of {self.first[0]!r} nor that of {self.second[0]!r}, "
+                             "between which these faces were found")
         return found
 
 
@@ -104,9 +114,10 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
     >>> disc, pad = fs.block((0.4, 0.2, 0.02), (8, 4, 1)), fs.block((0.1, 0.1, 0.01), (3, 3, 1))
     >>> pad = replace(pad, points=pad.points + [0.12, 0.04, 0.02])
     >>> fs.facing(("pad", "bottom"), "disc", {"pad": pad, "disc": disc})
-    Facing: 100 % of pad.bottom (area 0.01) and 44 % of disc.facing-pad-bottom (0.0225; 9 faces, 16 nodes) have a partner
+    Facing: 100 % of pad.bottom (area 0.01) and 44 % of disc.facing-pad-bottom (0.0225; 9 faces, 40 nodes) have a partner
     """
-    mapping("meshes", meshes, "the parts' names and meshes")
+    for part in mapping("meshes", meshes, "the parts' names and meshes"):
+        word("the name of a part in meshes", part)
     ours, where = _end("first", first)
     theirs, among = (second, None) if isinstance(second, str) else _end("second", second)
     for part in (ours, theirs):
@@ -121,7 +132,8 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
     with naming("second"):
         other = Surface.of(meshes[theirs], among, titles[1])
     here, there, x, w = common_points(one, other, tol)
-    gap, opposed = np.linalg.norm(x - there.x, axis=1), np.einsum("qi,qi->q", one.frames[here.face, 2], other.frames[there.face, 2])
+    gap = np.linalg.norm(x - there.x, axis=1)
+    opposed = np.einsum("qi,qi->q", one.frames[here.face, 2], other.frames[there.face, 2])
     near = gap <= reach(one, here.face, tol)
     met = near & (opposed < 0)
     if not met.any():
@@ -165,9 +177,9 @@ def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | N
     area = float(one.sizes.sum())
     if share < 1 - digits(one, other) * one.border / area:
         within = reach(one, np.arange(len(one.faces)), tol).max()
-        warn(f"only {percent(share)} of {first} lies on {second} (straight edges, within {within:.3g}): {percent(1 - share)} of its "
-             f"area of {area:.4g} has no partner there, and nothing acts on it. Move a part, refine the meshes, name a larger "
-             "second surface, or give a larger tol", PortWarning)
+        warn(f"only {percent(share)} of {first} lies on {second} (straight edges, within {within:.3g}): {percent(1 - share)} "
+             f"of its area of {area:.4g} has no partner there, and nothing acts on it. Move a part, refine the meshes, name a "
+             "larger second surface, or give a larger tol", PortWarning)
 
 
 def percent(share: float) -> str:

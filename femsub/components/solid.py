@@ -25,7 +25,7 @@ DIRECTIONS = tuple(sign + axis for axis in (*"xyz", "normal") for sign in ("", "
 
 
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
-          interface: Mapping[str | Facing, str] | Sequence[str | Facing] | Facing | None = (),
+          interface: Mapping[str, str] | Mapping[str | Facing, str] | Sequence[str | Facing] | Facing | None = (),
           ports: Mapping[str, tuple[str, Direction]] | None = None, rayleigh: tuple[float, float] | None = None,
           name: str = "") -> Substructure:
     """A solid component of linear elasticity, of hexahedra or tetrahedra.
@@ -82,9 +82,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D, but a solid needs one of "
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
-    mesh, interface = _with_facings(mesh, interface)
+    mesh, named = _with_facings(mesh, interface)
     held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
-    joined = _motions(mesh, "interface", interface)
+    joined = _motions(mesh, "interface", named)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
     columns = {}
     for key, value in ports.items():
@@ -133,7 +133,7 @@ def _with_facings(mesh: Mesh, interface: Any) -> tuple[Mesh, Any]:
     """The mesh with the sets of each `Facing` of an interface, and the interface with their names in its place."""
     if isinstance(interface, Facing):
         interface = [interface]
-    if not isinstance(interface, Iterable) or not any(isinstance(one, Facing) for one in interface):
+    if not isinstance(interface, (list, tuple, set, Mapping)) or not any(isinstance(one, Facing) for one in interface):
         return mesh, interface
     named: dict[Any, Any] = {}
     with naming("interface"):

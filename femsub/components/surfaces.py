@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -132,7 +133,7 @@ def _within(mesh: Mesh, name: str, rows: Array, what: str) -> Array:
         raise InputError(f"{what}: {which} belong to no whole face within it, and a tie or contact would leave them out. Let "
                          "fs.facing choose the faces that lie opposite the other surface, or take whole faces into the set")
     if len(left):
-        warn(f"{what}: {which} are midside nodes of faces that are not all in the set. Whole faces alone take part", PortWarning)
+        warn(f"{what}: {which} are midside nodes of faces that are not all in the set. They take no part", PortWarning)
     return rows
 
 
@@ -214,7 +215,8 @@ def common_points(ours: Surface, theirs: Surface, tol: float | None = None) -> t
     from scipy.spatial import cKDTree
 
     apart = float(ours.radii.max() + theirs.radii.max())
-    several = cKDTree(ours.centres).query_ball_tree(cKDTree(theirs.centres), apart if tol is None else float(np.hypot(apart, tol)))
+    apart = apart if tol is None else math.hypot(apart, tol)
+    several = cKDTree(ours.centres).query_ball_tree(cKDTree(theirs.centres), apart)
     face = np.repeat(np.arange(len(several)), [len(found) for found in several])
     pair = np.fromiter((i for found in several for i in found), dtype=np.intp, count=len(face))
     # two faces with an angle of 60 degrees or more between them do not lie on each other

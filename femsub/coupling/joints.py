@@ -12,7 +12,6 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, EQUAL, POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model import first_apart, way_of
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure
@@ -160,8 +159,8 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
     worst = int(np.argmax(apart))
     if not apart[worst] <= limit:
         far = (f"no DOF of {other.title} moves in this way{_otherwise(one, other, worst)}" if apart[worst] == np.inf else
-               f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away, and tol={limit:.3g} is allowed; move the part, "
-               "give a larger tolerance, or tol=inf to join DOF in their order")
+               f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away, and tol={limit:.3g} is allowed; move the "
+               "part, give a larger tolerance, or tol=inf to join DOF in their order")
         raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}")
     if len(np.unique(order)) < len(order):
         twice = int(np.flatnonzero(np.bincount(order) > 1)[0])
@@ -173,23 +172,19 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
 def refuse_other_ways(one: Site, other: Site) -> None:
     """Refuses two ends whose DOF, in their order, move along or about different axes, or about one in the opposite sense."""
     assert one.dofs is not None and other.dofs is not None
-    labels = [[dofs.labels[k] for k in dofs.components] for dofs in (one.dofs, other.dofs)]
-    if (found := first_apart(*labels)) is not None:
+    if (found := one.dofs.apart_from(other.dofs)) is not None:
         at, how = found
-        raise InputError(f"{one.name(at)} would meet {other.name(at)}: {how}. List DOF of the same directions in the same order. "
-                         "Kinematic and Averaged join DOF of any directions, with their signs. If it is meant so, leave the DofMap "
-                         "of one part out")
+        raise InputError(f"{one.name(at)} would meet {other.name(at)}: {how}. List DOF of the same directions in the same "
+                         "order. Kinematic and Averaged join DOF of any directions, with their signs. If it is meant so, leave "
+                         "the DofMap of one part out")
 
 
 def _otherwise(one: Site, other: Site, at: int) -> str:
     """Which motion of the other end is the same, or the same with the other sign, under another name."""
     assert one.dofs is not None and other.dofs is not None
     label = one.dofs.labels[one.dofs.components[at]]
-    mine = way_of(label)
-    for name in other.dofs.labels:
-        if (yours := way_of(name)) is not None and mine is not None and yours[:2] == mine[:2]:
-            return (f" by this name, but {label} = {'' if yours == mine else '-'}{name}. Join the two by Kinematic or Averaged, which "
-                    "mind names and signs")
+    if name := other.dofs.also_called(label):
+        return f" by this name, but {label} = {name}. Join the two by Kinematic or Averaged, which mind names and signs"
     return ". Name sets of the same motions, or join by Kinematic or Averaged"
 
 

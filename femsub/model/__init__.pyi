@@ -39,15 +39,7 @@ from .contact import (
     small_matrices as small_matrices,
 )
 from .digits import rounding_of as rounding_of
-from .dof_map import (
-    AXES as AXES,
-    LARGEST as LARGEST,
-    MOTIONS as MOTIONS,
-    TRANSLATIONS as TRANSLATIONS,
-    DofMap as DofMap,
-    first_apart as first_apart,
-    way_of as way_of,
-)
+from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
 from .families import (
     COLUMNS_ALONE as COLUMNS_ALONE,

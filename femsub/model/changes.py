@@ -153,8 +153,8 @@ class _Between(_AtNodes):
         if other.shape != term.U.shape:
             raise InputError(f"{_title(self.at)} has {term.U.shape[0]} motions, but {_title(self.to)} {other.shape[0]}")
         if mine is not None and yours is not None and (found := first_apart(mine, yours)) is not None:
-            raise InputError(f"motion {found[0] + 1} of {_title(self.at)} and of {_title(self.to)} do not fit: {found[1]}. List DOF "
-                             "of the same directions in the same order, or name the directions")
+            raise InputError(f"motion {found[0] + 1} of {_title(self.at)} and of {_title(self.to)} do not fit: {found[1]}. List "
+                             "DOF of the same directions in the same order, or name the directions")
         return [term._replace(U=term.U - other)]
 
     @property
@@ -364,7 +364,8 @@ def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(Non
     return sp.eye_array(model.size, format="csr")[rows]
 
 
-def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None) -> tuple[Matrix, Array, Sequence[str] | None]:
+def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None
+                ) -> tuple[Matrix, Array, Sequence[str] | None]:
     """U (t, n) of the motions of an end, their shares (t,), and their names; None where these are not known, as of ports.
 
     A share is 1 over the number of nodes in each direction; 1 for a port.

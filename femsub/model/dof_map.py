@@ -158,6 +158,18 @@ class DofMap(Frozen):
                 R[at, 3 + axis] = sign
         return R
 
+    def apart_from(self, other: DofMap) -> tuple[int, str] | None:
+        """The first DOF whose direction is not that of the same DOF of another map, and how they differ; None: all agree."""
+        return first_apart(*([dofs.labels[k] for k in dofs.components] for dofs in (self, other)))
+
+    def also_called(self, label: str) -> str:
+        """'uz', or '-ry', of a motion that this map has under another name; '' where it has none of that direction."""
+        mine = way_of(label)
+        for name in self.labels:
+            if (yours := way_of(name)) is not None and mine is not None and yours[:2] == mine[:2]:
+                return name if yours == mine else f"-{name}"
+        return ""
+
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         order = np.argsort(self.nodes, kind="stable")
