@@ -12,13 +12,15 @@ from . import (
     reduction as reduction,
 )
 from .app.grammar import Scene as Scene
-from .components.beam import beam as beam
+from .components.beam import beam as beam, space_beam as space_beam
 from .components.chain import chain as chain, chain_frequencies as chain_frequencies
+from .components.facing import Facing as Facing, facing as facing
 from .components.fields import displacements as displacements
 from .components.grids import annulus as annulus, block as block, rectangle as rectangle
 from .components.material_change import MaterialChange as MaterialChange
 from .components.mesh import Mesh as Mesh
 from .components.plate import plate as plate
+from .components.small_models import node as node
 from .components.solid import solid as solid
 from .components.solid_assembly import Material as Material
 from .coupling.assembly import System as System, couple as couple

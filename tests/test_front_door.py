@@ -70,6 +70,7 @@ RESULTS = {
     "Cut",
     "EffectiveMasses",
     "Estimate",
+    "Facing",
     "FrequencyBounds",
     "Levels",
     "LimitCycle",
@@ -100,7 +101,7 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
     rom = fs.reduce(sub, fs.CraigChang(modes=3), ports=True)
     modes = fs.complex_modes(rom, slope)
     mesh, flat = fs.block((1.0, 1.0, 1.0), (1, 1, 1), "hexahedron"), fs.rectangle((1.0, 1.0), (2, 2))
-    steel = fs.Material(1.0, 0.3, 1.0)
+    steel, above = fs.Material(1.0, 0.3, 1.0), fs.Mesh(mesh.points + np.array([0.0, 0.0, 1.0]), mesh.cells, mesh.kind, mesh.sets)
     brick = fs.solid(mesh, steel)
     ring = fs.annulus(0.1, 0.2, 0.02, (1, 8, 1), "hexahedron")
     run = fs.transient(sub, belt, (0.0, 20.0))
@@ -189,6 +190,11 @@ def calls(folder: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
         "annulus": {"inner": 1.0, "outer": 2.0, "counts": (1, 8, 1), "name": "a", "sector": (0.0, 1.0)},
         "beam": {"length": 1.0, "elements": 4, "I": 1.0, "A": 1.0, "supports": {0: "clamped"}, "interface": ("right",),
             "ports": {"belt": 0.5}, "rayleigh": (0.0, 0.1), "name": "b"},
+        "facing": {"first": ("a", "top"), "second": ("b", "bottom"), "meshes": {"a": mesh, "b": above}, "name": "f"},
+        "node": {"point": (0.0, 0.0, 1.0), "mass": 1.0, "inertia": 0.1, "ports": {"load": "uz"}, "name": "n"},
+        "space_beam": {"points": [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], "elements": 4, "G": 1.0, "A": 1.0, "I": 1.0, "J": 1.0,
+            "supports": {"left": "clamped"}, "interface": ("right",), "ports": {"belt": ("right", "uz")}, "rayleigh": (0.0, 0.1),
+            "name": "b"},
         "block": {"lengths": (1.0, 1.0, 1.0), "counts": (1, 1, 1), "name": "b"},
         "branch": {"model": rom, "points": 3, "harmonics": 40, "tol": 0.01, "stability": False},
         "chain": {"n": 5, "belt": 2, "name": "c"}, "chain_frequencies": {"n": 5, "count": 3},

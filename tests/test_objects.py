@@ -44,6 +44,7 @@ MAKE: dict[str, Callable[[], Any]] = {
     "DofMap": lambda: fs.DofMap([3, 3, 5], [0, 1, 0], points=np.eye(3)),
     "DualCraigBampton": lambda: fs.DualCraigBampton(modes=3),
     "Estimate": lambda: made("ReducedSubstructure").estimate,
+    "Facing": lambda: fs.facing(("a", "top"), "b", stacked()),
     "FrequencyBounds": lambda: fs.frequency_bounds(made("ReducedSubstructure"), count=1),
     "FrictionContact": lambda: fs.FrictionContact("pad.face", "disc.track", {"pad": made("Mesh"), "disc": made("Mesh")}, 1e9, 0.4,
                                                   direction=(1.0, 0.0, 0.0), speed=2.0),
@@ -105,6 +106,11 @@ def quietly(make: Callable[[], Any]) -> Any:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", fs.FemsubWarning)
         return make()
+
+
+def stacked() -> dict[str, fs.Mesh]:
+    low = fs.block((1.0, 1.0, 1.0), (1, 1, 1))
+    return {"a": low, "b": dataclasses.replace(low, points=low.points + np.array([0.0, 0.0, 1.0]))}
 
 
 def levels() -> fs.Levels:

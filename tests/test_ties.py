@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 from test_coupling import HOW
 
 import femsub as fs
-from femsub.coupling.ties import Side, Surface
+from femsub.components import Side, Surface
 
 STEEL = fs.Material(1.0, 0.3, 1.0)
 

@@ -35,6 +35,11 @@ class LinkKind(Kind):
     facing: bool = False  #: whether the second surface takes part where it lies opposite the first alone
 
     @property
+    def tol(self) -> float | None:
+        """The largest distance of what meets, if one is given."""
+        return None
+
+    @property
     def surfaces(self) -> list[str]:
         """The ends, or the sets 'part.set' that a contact acts between."""
         return []
@@ -42,8 +47,3 @@ class LinkKind(Kind):
     def ports(self) -> Mapping[str, Mapping[str, Any]]:
         """Ports that parts need for it, by parts."""
         return {}
-
-
-def facing_set(first: End, second: End) -> str:
-    """The name of the set of what lies opposite a surface."""
-    return f"{second.rest}-facing-{first.part}"

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
-from femsub.app.ends import GROUND, End, LinkKind, facing_set
+from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
 from femsub.app.joints import JointKind
@@ -42,7 +42,7 @@ from femsub.errors import InputError, unknown_name
 from femsub.output import SYSTEMS, Units
 
 if TYPE_CHECKING:
-    from femsub import Mesh
+    from femsub import Facing, Mesh
     from femsub.app.models import Models
     from femsub.app.result import Progress, Result
 
@@ -342,16 +342,33 @@ class Scene:
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
         """The meshes of all parts that have one, with the sets of what lies opposite a surface."""
-        from femsub.coupling import opposite  # with NumPy, which a wrong file should not wait for
+        found: dict[str, Mesh] = {}
+        for name in self.parts:
+            with self.faults.at(("part", name)):
+                if (mesh := self.mesh(name)) is not None:
+                    found[name] = mesh
+        self.faults.check()
+        for family, links in (("joint", self.joints), ("contact", self.contacts)):
+            for name, link in links.items():
+                if link.facing:
+                    with self.faults.at(self.place(family, name)):
+                        under = self.facing(link)
+                        part, key = under.second
+                        found[part] = found[part].with_sets(**{key: under.nodes})
+        self.faults.check()
+        return found
 
-        found = {name: mesh for name in self.parts if (mesh := self.mesh(name)) is not None}
-        for joint in self.links:
-            if joint.facing:
-                first, second = map(End.of, joint.surfaces)
-                at = ("facing", first, second, *(repr(self.parts[one.part]) for one in (first, second)))
-                if at not in self.store:
-                    self.store[at] = opposite(found[first.part], first.rest, found[second.part], second.rest)
-                found[second.part] = found[second.part].with_sets(**{facing_set(first, second): self.store[at]})
+    def facing(self, link: LinkKind) -> Facing:
+        """The faces of the second surface of a joint or contact that lie opposite the first."""
+        from femsub import facing  # with NumPy, which a wrong file should not wait for
+
+        first, second = map(End.of, link.surfaces)
+        owners = [end.part for end in (first, second) if end.part in self.parts]
+        at = ("facing", first, second, link.tol, str(self.folder), *(repr(self.parts[name]) for name in owners))
+        if at not in self.store:
+            meshes = {name: mesh for name in owners if (mesh := self.mesh(name)) is not None}
+            self.store[at] = facing((first.part, first.rest), (second.part, second.rest), meshes, link.tol)
+        found: Facing = self.store[at]
         return found
 
     def mesh(self, name: str) -> Mesh | None:
@@ -361,8 +378,8 @@ class Scene:
         if place not in self.store:
             from femsub.io import texts_read
 
-            with texts_read() as texts:
-                self.store[place] = part.mesh(self.site(name))
+            with texts_read() as texts:  # a mesh does not depend on what joins the part
+                self.store[place] = part.mesh(PartSite(name, self.folder, self.materials, [], {}))
             self.texts += texts
         found: Mesh | None = self.store[place]
         return found
@@ -377,7 +394,7 @@ class Scene:
                 end = End.of(words)
                 if end.part == name:
                     facing = at == 1 and joint.facing
-                    interface += [facing_set(End.of(joint.surfaces[0]), end)] if facing else self.parts[name].needed(end)
+                    interface += [self.facing(joint).second[1]] if facing else self.parts[name].needed(end)
         return PartSite(name, self.folder, self.materials, list(dict.fromkeys(interface)), ports)
 
     # models and runs

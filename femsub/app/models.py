@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import femsub as fs
-from femsub.app.ends import GROUND, End, LinkKind, facing_set
+from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.methods import FULL
 from femsub.checks import Array
 from femsub.components import joined_mesh, node_rows
@@ -89,10 +89,10 @@ class Models:
         scene, parts, meshes, joints = self.scene, dict[str, Any](), dict[str, fs.Mesh](), list[Any]()
         pieces: dict[str, list[str]] = {}
         self.say("building the parts")
-        start = time.perf_counter()
+        start, found = time.perf_counter(), scene.meshes
         for name, part in scene.parts.items():
             with scene.faults.at(("part", name)):
-                made = part.made(scene.site(name), scene.meshes.get(name))
+                made = part.made(scene.site(name), found.get(name))
                 parts |= made.parts
                 meshes |= made.meshes
                 joints += made.joints
@@ -129,7 +129,7 @@ class Models:
         if end.mark == ":":
             return end.part, end.dofs
         if end.mark and at == 1 and joint.facing:
-            return end.part, facing_set(End.of(joint.surfaces[0]), end)
+            return self.scene.facing(joint).second
         if end.mark:
             return end.part, end.rest if end.rest in part.ports else self.scene.parts[end.part].set_of(end.rest)
         if not len(part.interface):
@@ -179,8 +179,7 @@ class Models:
     def _contact(self, contact: Any, values: Mapping[str, float], meshes: Mapping[str, fs.Mesh]) -> Any:
         surfaces = list(contact.surfaces)
         if contact.facing:
-            first, second = map(End.of, surfaces)
-            surfaces[1] = f"{second.part}.{facing_set(first, second)}"
+            surfaces[1] = ".".join(self.scene.facing(contact).second)
         return contact.made(self.port, meshes, surfaces)
 
     @cached_property
@@ -461,8 +460,8 @@ class Models:
         found: dict[str, list[Array]] = {"contact": [], "interface": []}
         for one in self.scene.contacts.values():
             if one.surfaces:
-                first, second = map(End.of, one.surfaces)
-                name, surface = (second.part, facing_set(first, second)) if one.facing else (first.part, first.rest)
+                first = End.of(one.surfaces[0])
+                name, surface = self.scene.facing(one).second if one.facing else (first.part, first.rest)
                 found["contact"].append(starts[name] + self.meshes[name].sets[surface])
         if self.alone and self.full.dofs is not None:
             mesh, dofs = next(iter(self.meshes.values())), self.full.dofs

@@ -1,5 +1,6 @@
 from .beam import SUPPORTS as SUPPORTS
 from .build import not_negative as not_negative, pair as pair, proportional as proportional
+from .facing import Facing as Facing, covered as covered, warn_of_uncovered as warn_of_uncovered
 from .fields import (
     joined_mesh as joined_mesh,
     joined_shapes as joined_shapes,
@@ -16,10 +17,8 @@ from .mesh import (
     corners_of as corners_of,
     edges_of as edges_of,
     places_of as places_of,
-    sides_of as sides_of,
 )
 from .mesh_checks import checked as checked
-from .patches import patch as patch
 from .pictures import draw_solid as draw_solid, parts_figure as parts_figure, shapes_figure as shapes_figure, triad as triad
 from .small_models import (
     disc_pair as disc_pair,
@@ -32,8 +31,7 @@ from .solid import DIRECTIONS as DIRECTIONS, materials_of as materials_of
 from .solid_assembly import Material as Material, Pattern as Pattern, at_points as at_points
 from .solid_elements import (
     KINDS as KINDS,
-    on_side as on_side,
     reference as reference,
-    shape_functions as shape_functions,
     side_quadrature as side_quadrature,
 )
+from .surfaces import Side as Side, Surface as Surface, common_points as common_points, reach as reach

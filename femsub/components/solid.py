@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from femsub.checks import Array, choice, instance, items, naming, real_array, shown, word
 from femsub.components.build import component, optional_mapping
+from femsub.components.facing import Facing
 from femsub.components.mesh import Mesh
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import solid_average
@@ -24,8 +25,9 @@ DIRECTIONS = tuple(sign + axis for axis in (*"xyz", "normal") for sign in ("", "
 
 
 def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: Mapping[str, str] | Sequence[str] | None = (),
-          interface: Mapping[str, str] | Sequence[str] | None = (), ports: Mapping[str, tuple[str, Direction]] | None = None,
-          rayleigh: tuple[float, float] | None = None, name: str = "") -> Substructure:
+          interface: Mapping[str, str] | Mapping[str | Facing, str] | Sequence[str | Facing] | Facing | None = (),
+          ports: Mapping[str, tuple[str, Direction]] | None = None, rayleigh: tuple[float, float] | None = None,
+          name: str = "") -> Substructure:
     """A solid component of linear elasticity, of hexahedra or tetrahedra.
 
     M ü + D u̇ + K u = f with K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, and three DOF (x, y, z) per node. Loss
@@ -44,7 +46,7 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     supports, interface : sequence of str, or mapping of str to str
         Sets of nodes that are held, and sets through which the component is joined: all three motions, or those
         named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, without held ones. The sets
-        keep their names as interface sets.
+        keep their names as interface sets. What `facing` found stands for the surface that lies in this mesh.
     ports : mapping of str to (set, direction)
         Where a belt or a force acts: w, such that wᵀu is the average motion of a set in a direction. The direction is 'x',
         'y', 'z', 'normal', the opposite of one ('-x', '-normal', ...), or a vector, which is normalised. For a set of nodes
@@ -80,8 +82,9 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
         raise InputError(f"the mesh {mesh.name!r} has {mesh.kind} cells, which are {mesh.dimension}D, but a solid needs one of "
                          f"{', '.join(KINDS)}")
     refuse_spoilt(mesh)
+    mesh, named = _with_facings(mesh, interface)
     held = np.concatenate([np.zeros(0, dtype=int), *_motions(mesh, "supports", supports).values()])
-    joined = _motions(mesh, "interface", interface)
+    joined = _motions(mesh, "interface", named)
     ports = optional_mapping("ports", ports, "names and (set, direction)")
     columns = {}
     for key, value in ports.items():
@@ -124,6 +127,24 @@ def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> lis
         if not isinstance(one, Material):
             raise InputTypeError(f"material of the group {group!r} must be a Material(E, nu, rho), not {one!r:.60}")
     return [(material[group], cells) for group, cells in mesh.cells_in(material, "material").items()]
+
+
+def _with_facings(mesh: Mesh, interface: Any) -> tuple[Mesh, Any]:
+    """The mesh with the sets of each `Facing` of an interface, and the interface with their names in its place."""
+    if isinstance(interface, Facing):
+        interface = [interface]
+    if not isinstance(interface, (list, tuple, set, Mapping)) or not any(isinstance(one, Facing) for one in interface):
+        return mesh, interface
+    named: dict[Any, Any] = {}
+    with naming("interface"):
+        for one in interface:
+            axes = interface[one] if isinstance(interface, Mapping) else "xyz"
+            found = one.sets_in(mesh) if isinstance(one, Facing) else {}
+            if taken := [name for name, rows in found.items() if not np.array_equal(mesh.sets.get(name, rows), rows)]:
+                raise InputError(f"{one!r}: the mesh {mesh.name!r} has another set {taken[0]!r}: give facing a name of its own")
+            mesh = mesh.with_sets(**found)
+            named |= dict.fromkeys(found or [one if isinstance(one, str) else shown(one)], axes)
+    return mesh, named
 
 
 def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | None) -> dict[str, Array]:

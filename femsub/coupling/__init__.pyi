@@ -15,7 +15,7 @@ from .contacts.belt import (
     width_of as width_of,
     with_slope as with_slope,
 )
-from .contacts.brake import brake_meshes as brake_meshes, opposite as opposite
+from .contacts.brake import brake_meshes as brake_meshes
 from .cutting import PLACES as PLACES, cut_chain as cut_chain, cut_mesh as cut_mesh
 from .dual import FORCE as FORCE
 from .joints import Rigid as Rigid, spatial as spatial

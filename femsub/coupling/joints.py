@@ -140,14 +140,16 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
     Raises
     ------
     InputError
-        Another number of DOF, or one that has no counterpart within the tolerance: how far, and which.
+        Another number of DOF, or one that has no counterpart within the tolerance: how far, and which. In the order listed, DOF
+        of different directions.
     """
     if len(one) != len(other):
         raise InputError(f"{one.title} has {len(one)} DOF, but {other.title} {len(other)}: name sets of the same DOF, or join "
                          "meshes that do not match by Tied")
-    if not (one.named and other.named) or tol == np.inf:
+    if one.dofs is None or other.dofs is None:
         return other
-    if one.dofs is None or other.dofs is None or one.dofs.points is None or other.dofs.points is None:
+    if not (one.named and other.named) or tol == np.inf or one.dofs.points is None or other.dofs.points is None:
+        refuse_other_ways(one, other)
         return other
     ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
     size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
@@ -156,15 +158,34 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
                            [other.dofs.labels[k] for k in other.dofs.components])
     worst = int(np.argmax(apart))
     if not apart[worst] <= limit:
-        far = (f"no DOF of {other.title} moves in this way" if apart[worst] == np.inf else
-               f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away")
-        raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}, and tol={limit:.3g} is "
-                         "allowed; move the part, give a larger tolerance, or tol=inf to join DOF in their order")
+        far = (f"no DOF of {other.title} moves in this way{_otherwise(one, other, worst)}" if apart[worst] == np.inf else
+               f"the nearest such DOF of {other.title} is {apart[worst]:.4g} away, and tol={limit:.3g} is allowed; move the "
+               "part, give a larger tolerance, or tol=inf to join DOF in their order")
+        raise InputError(f"{one.title} and {other.title} do not meet at {one.name(worst)}: {far}")
     if len(np.unique(order)) < len(order):
         twice = int(np.flatnonzero(np.bincount(order) > 1)[0])
         raise InputError(f"{other.name(twice)} meets two DOF of {one.title}: tol={limit:.3g} is larger than the distance "
                          "of nodes")
     return Site(other.part, other.title, other.sub, other.places[order], other.dofs.kept(order), True)
+
+
+def refuse_other_ways(one: Site, other: Site) -> None:
+    """Refuses two ends whose DOF, in their order, move along or about different axes, or about one in the opposite sense."""
+    assert one.dofs is not None and other.dofs is not None
+    if (found := one.dofs.apart_from(other.dofs)) is not None:
+        at, how = found
+        raise InputError(f"{one.name(at)} would meet {other.name(at)}: {how}. List DOF of the same directions in the same "
+                         "order. Kinematic and Averaged join DOF of any directions, with their signs. If it is meant so, leave "
+                         "the DofMap of one part out")
+
+
+def _otherwise(one: Site, other: Site, at: int) -> str:
+    """Which motion of the other end is the same, or the same with the other sign, under another name."""
+    assert one.dofs is not None and other.dofs is not None
+    label = one.dofs.labels[one.dofs.components[at]]
+    if name := other.dofs.also_called(label):
+        return f" by this name, but {label} = {name}. Join the two by Kinematic or Averaged, which mind names and signs"
+    return ". Name sets of the same motions, or join by Kinematic or Averaged"
 
 
 def spatial(points: Array) -> Array:
@@ -204,14 +225,14 @@ class Rigid(Joint):
         Two or more.
     tol : float, optional
         The largest distance of DOF that meet, in units of length; by default 1e-6 of the largest coordinate. With inf, DOF are
-        matched in their order, wherever they are.
+        matched in their order, wherever they are. Directions with known names must agree in that order.
     name : str
         For messages and multipliers.
 
     Raises
     ------
     InputError, InputTypeError
-        Fewer than two ends; by `couple`: ends that do not meet or have different numbers of DOF.
+        Fewer than two ends; by `couple`: ends that do not meet or have different numbers of DOF, or DOF of different directions.
 
     Examples
     --------
@@ -284,7 +305,8 @@ class Spring(Joint):
     Raises
     ------
     InputError, InputTypeError
-        No stiffness and no damping, a negative or unsymmetric stiffness; by `couple`: ends of different numbers of motions.
+        No stiffness and no damping, a negative or unsymmetric stiffness; by `couple`: ends of different numbers of motions, or
+        DOF of different directions.
 
     Examples
     --------

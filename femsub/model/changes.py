@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, items, shown, whole_numbers
 from femsub.errors import InputError, InputTypeError, unknown_name
-from femsub.model.dof_map import MOTIONS, DofMap
+from femsub.model.dof_map import MOTIONS, DofMap, first_apart
 from femsub.model.substructure import ReducedSubstructure, Substructure
 
 GROUND = "ground"
@@ -99,7 +99,7 @@ class _AtNodes(Change):
 
     def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
         """One term, on the motions of the end; A is dense for a `few` of them, which takes less time."""
-        U, shares = end_motions(model, self.at, self.directions)
+        U, shares, _ = end_motions(model, self.at, self.directions)
         A = np.diag(shares) if len(shares) <= few else sp.diags_array(shares, format="csr")
         return [ChangeTerm(self.matrix, U, A, lambda a: a)]
 
@@ -148,9 +148,13 @@ class _Between(_AtNodes):
         term, = super().terms(model, few)
         if isinstance(self.to, str) and self.to == GROUND:
             return [term]
-        other = end_motions(model, self.to, self.directions)[0]
+        mine = end_motions(model, self.at, self.directions)[2]
+        other, _, yours = end_motions(model, self.to, self.directions)
         if other.shape != term.U.shape:
             raise InputError(f"{_title(self.at)} has {term.U.shape[0]} motions, but {_title(self.to)} {other.shape[0]}")
+        if mine is not None and yours is not None and (found := first_apart(mine, yours)) is not None:
+            raise InputError(f"motion {found[0] + 1} of {_title(self.at)} and of {_title(self.to)} do not fit: {found[1]}. List "
+                             "DOF of the same directions in the same order, or name the directions")
         return [term._replace(U=term.U - other)]
 
     @property
@@ -174,7 +178,7 @@ class AddedSpring(_Between):
     Raises
     ------
     InputError, InputTypeError
-        When it is used: as of `AddedMass`; ends of different numbers of motions.
+        When it is used: as of `AddedMass`; ends of different numbers of motions, or of different directions.
 
     Examples
     --------
@@ -360,11 +364,15 @@ def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(Non
     return sp.eye_array(model.size, format="csr")[rows]
 
 
-def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None) -> tuple[Matrix, Array]:
-    """U (t, n) of the motions of an end, and their shares (t,): 1 over the number of nodes in each direction; 1 for a port."""
+def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None
+                ) -> tuple[Matrix, Array, Sequence[str] | None]:
+    """U (t, n) of the motions of an end, their shares (t,), and their names; None where these are not known, as of ports.
+
+    A share is 1 over the number of nodes in each direction; 1 for a port.
+    """
     if isinstance(at, str) and at in model.ports:
         W = model.port(at).reshape(model.size, -1)
-        return sp.csr_array(W.T) if sp.issparse(model.K) else W.T, np.ones(W.shape[1])
+        return sp.csr_array(W.T) if sp.issparse(model.K) else W.T, np.ones(W.shape[1]), None
     labels: Sequence[str] | None
     if isinstance(at, str):
         if at not in model.sets:
@@ -384,7 +392,7 @@ def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None =
     if labels is None:
         if directions is not None:
             raise InputError(f"directions need a DOF map, which {model.name!r} does not have. List the DOF instead")
-        return U, np.full(U.shape[0], 1 / U.shape[0])
+        return U, np.full(U.shape[0], 1 / U.shape[0]), None
     if directions is not None and (unknown := [one for one in directions if one not in labels]):
         raise unknown_name("direction", unknown[0], sorted(set(labels)))
     # rotations and slopes have another unit
@@ -392,7 +400,8 @@ def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None =
     wanted = set(plain or labels) if directions is None else set(directions)
     kept = np.array([at for at, label in enumerate(labels) if label in wanted])
     names = np.array(labels)[kept]
-    return U if len(kept) == len(labels) else U[kept], np.array([1 / np.count_nonzero(names == label) for label in names])
+    shares = np.array([1 / np.count_nonzero(names == label) for label in names])
+    return U if len(kept) == len(labels) else U[kept], shares, names.tolist()
 
 
 def _title(end: Any) -> str:

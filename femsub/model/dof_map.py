@@ -158,7 +158,42 @@ class DofMap(Frozen):
                 R[at, 3 + axis] = sign
         return R
 
+    def apart_from(self, other: DofMap) -> tuple[int, str] | None:
+        """The first DOF whose direction is not that of the same DOF of another map, and how they differ; None: all agree."""
+        return first_apart(*([dofs.labels[k] for k in dofs.components] for dofs in (self, other)))
+
+    def also_called(self, label: str) -> str:
+        """'uz', or '-ry', of a motion that this map has under another name; '' where it has none of that direction."""
+        mine = way_of(label)
+        for name in self.labels:
+            if (yours := way_of(name)) is not None and mine is not None and yours[:2] == mine[:2]:
+                return name if yours == mine else f"-{name}"
+        return ""
+
     @cached_property
     def _sorted(self) -> tuple[Array, Array]:
         order = np.argsort(self.nodes, kind="stable")
         return self.nodes[order], order
+
+
+def way_of(label: str) -> tuple[str, int, float] | None:
+    """What a named motion is: along or about an axis (0 to 2), and in which sense; None of names that are not known."""
+    if label in AXES:
+        return "along", AXES[label], 1.0
+    if label in ROTATIONS:
+        return "about", *ROTATIONS[label]
+    return ("twist", STILL.index(label), 1.0) if label in STILL else None
+
+
+def first_apart(ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str] | None:
+    """Where two lists of motions, which are to be equal one by one, first have different directions, and how they differ.
+
+    Names that are not known fit any other. None: they agree.
+    """
+    for one, other in dict.fromkeys(zip(ours, theirs, strict=True)):  # each pair of names once
+        mine, yours = way_of(one), way_of(other)
+        if mine is not None and yours is not None and mine != yours:
+            at = next(k for k, both in enumerate(zip(ours, theirs, strict=True)) if both == (one, other))
+            return at, (f"{one} = -{other}, they turn about one axis in opposite senses" if mine[:2] == yours[:2] else
+                        f"{one} and {other} are different directions")
+    return None

@@ -100,7 +100,7 @@ class Substructure(Frozen):
         if diagonal.min() < 0:
             where = int(diagonal.argmin())
             raise InputError(f"M has a negative mass: M[{where}, {where}] = {diagonal[where]:.6g}")
-        if not np.any(diagonal):
+        if not np.any(diagonal) and np.any(stiffness.data if sp.issparse(stiffness) else stiffness):  # a bare point has neither
             raise InputError("M has no mass at all: every diagonal entry is zero")
         # m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here
         bound = np.sqrt(diagonal)

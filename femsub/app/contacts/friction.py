@@ -44,6 +44,10 @@ class FrictionContactKind(ContactKind):
     def surfaces(self) -> list[str]:
         return list(self.friction)
 
+    @property
+    def tol(self) -> float | None:
+        return self.tolerance or None
+
     def parameters(self) -> list[str]:
         return ["mu", "stiffness", "pressure", "speed", "slope"]
 
@@ -51,7 +55,7 @@ class FrictionContactKind(ContactKind):
         return fs.FrictionContact(surfaces[0], surfaces[1], meshes, self.stiffness, self.mu, self.pressure,
                                   direction=np.array(self.direction) if self.direction else None,
                                   axis=np.array(self.axis) if self.axis else None, centre=np.array(self.centre),
-                                  speed=self.speed or None, slope=self.slope, tol=self.tolerance or None)
+                                  speed=self.speed or None, slope=self.slope, tol=self.tol)
 
     @property
     def words(self) -> str:

@@ -7,8 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from femsub.checks import EQUAL, POSITION, Array, positive_number
-from femsub.components import Mesh, node_rows, ring
-from femsub.coupling.contacts.friction_contact import contact_points
+from femsub.components import Mesh, ring
 
 Cuts = tuple[float, ...]
 
@@ -49,20 +48,6 @@ def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
         meshes[name] = pad.with_sets(face=depth < PAD_DEPTHS[0] + EQUAL, back=depth > PAD_DEPTHS[2] - EQUAL,
                                      leading=angle < PAD_ANGLES[0] + POSITION, trailing=angle > PAD_ANGLES[3] - POSITION)
     return meshes
-
-
-def opposite(mesh: Mesh, name: str, other: Mesh, surface: str, tol: float | None = None) -> Array:
-    """The nodes of those faces of another mesh's surface that lie opposite the faces of a set, as rows of its points.
-
-    A contact needs no others. Of a disc's track they are the few under the pad.
-    """
-    points = contact_points((mesh, name, name), (other, surface, surface), tol)
-    assert points.second is not None
-    on = points.second.surface
-    areas = np.bincount(points.second.face, weights=points.weight)
-    met = np.flatnonzero(areas > POSITION * areas.max())  # not those that share an edge, and a sliver by rounding
-    nodes = np.unique(on.faces[met])
-    return node_rows(other, on.numbers[nodes])
 
 
 def _bricks(name: str, radii: Cuts, angles: Cuts, heights: Cuts, size: float, length: float) -> Mesh:

@@ -15,9 +15,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
-from femsub.components import Mesh, reference, side_quadrature
+from femsub.components import (
+    Facing,
+    Mesh,
+    Side,
+    Surface,
+    common_points,
+    covered,
+    reach,
+    reference,
+    side_quadrature,
+    warn_of_uncovered,
+)
 from femsub.coupling.joints import GROUND, Joint, Link
-from femsub.coupling.ties import Side, Surface, common_points, motion_of_nodes, reach
+from femsub.coupling.ties import motion_of_nodes, unpacked
 from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
 from femsub.model import TRANSLATIONS, DofMap, Substructure
 
@@ -58,7 +69,8 @@ class FrictionContact(Joint):
         Interface sets, as 'pad.face' of a system; or 'ground' as the second, for a rigid body. The integrals run over the first:
         give the smaller one.
     meshes : mapping of str to Mesh, or Mesh
-        The meshes of both parts by their names, 'pad'. For a single part its mesh.
+        The meshes of both parts by their names, 'pad'. For a single part its mesh. A `Facing` in place of the first stands for
+        both surfaces, meshes and tol.
     stiffness : float
         k, normal stiffness per area (force / length³).
     mu : float
@@ -87,7 +99,7 @@ class FrictionContact(Joint):
     Warns
     -----
     PortWarning
-        Less than 99 % of the first surface touches the second, when the contact is used. The axis is oblique to the surface, so
+        A part of the first surface does not touch the second, when the contact is used. The axis is oblique to the surface, so
         that the second body moves along the normal.
 
     References
@@ -108,10 +120,10 @@ class FrictionContact(Joint):
     """
 
     first: str
-    second: str
-    meshes: Mapping[str, Mesh] | Mesh
-    stiffness: float
-    mu: float
+    second: str = None  # type: ignore[assignment]
+    meshes: Mapping[str, Mesh] | Mesh = field(default_factory=dict)
+    stiffness: float = None  # type: ignore[assignment]
+    mu: float = None  # type: ignore[assignment]
     pressure: float = 0.0
     direction: Array | None = None
     axis: Array | None = None
@@ -121,6 +133,8 @@ class FrictionContact(Joint):
     tol: float | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.first, Facing):
+            unpacked(self, self.first, ".".join(self.first.first), ".".join(self.first.second))
         word("first", self.first)
         word("second", self.second)
         if not isinstance(self.meshes, Mesh):
@@ -266,11 +280,8 @@ class FrictionContact(Joint):
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
         points = contact_points(surfaces[0], surfaces[1], self.tol)
-        if points.share < 0.99:
-            owner, _, key = self.first.rpartition(".")
-            title = f"{key!r}{f' of {owner!r}' if owner else ''}"
-            warn(f"only {points.share:.0%} of the face {title} lies on {self.second} (straight edges). The rest has no "
-                 "contact. Move a part, refine the meshes, or give a larger tolerance", PortWarning)
+        if points.second is not None:
+            warn_of_uncovered(points.first.surface, points.second.surface, points.share, self.tol, self.first, self.second)
         return points
 
     def _mesh(self, name: str) -> tuple[Mesh, str, str]:
@@ -489,7 +500,7 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
         count = len(ours.faces)
         side = Side(ours, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1)))
         return Points(side, None, side.x, np.tile(w, count) * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
-    side, far, x, w = common_points(ours, Surface.of(*second))
+    side, far, x, w = common_points(ours, Surface.of(*second), tol)
     gap = np.linalg.norm(x - far.x, axis=1)
     near = gap <= reach(ours, side.face, tol)
     if not near.any():
@@ -500,7 +511,7 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     if (facing > 0).any():
         raise InputError(f"{first[2]} and {second[2]} do not face each other at {x[np.argmax(facing)].round(6)}: their outward "
                          "normals agree; name the surfaces that touch, or turn the cells of one mesh")
-    return Points(side, far, x, w, float(w.sum() / np.linalg.norm(ours.areas, axis=1).sum()))
+    return Points(side, far, x, w, covered(ours, side.face, w))
 
 
 def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
