@@ -23,6 +23,7 @@ pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the tests marked slow as well, which a run of all tests leaves out")
+    parser.addoption("--every", action="store_true", help="run every test: the slow ones, and the rare cases as well")
     parser.addoption("--mumps", action="store_true", help="factorise by MUMPS alone, as a PETSc without CHOLMOD does")
 
 
@@ -44,24 +45,30 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     Of a test marked sampled(k), each k-th case stays quick, and the others are slow.
 
-    A run of all tests leaves out those marked slow; what is selected (-m, -k) or named (a file, a test of it) runs as asked.
+    Of one marked sampled(k, j), each j-th of those others is slow and the rest is rare: more of what the slow ones show, for
+    --every, a mark (-m rare) or a name. A run of all tests leaves out the slow ones; what is selected (-m, -k) or named (a file,
+    a test of it) runs as asked.
 
     Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
     """
     seen: Counter[str] = Counter()
     for item in items:
         if sampled := item.get_closest_marker("sampled"):
-            function = item.nodeid.partition("[")[0]
-            if seen[function] % sampled.args[0]:
-                item.add_marker("slow")
+            function, (quick, slow) = item.nodeid.partition("[")[0], (*sampled.args, 1)[:2]
+            at, turn = divmod(seen[function], quick)
+            if turn:
+                item.add_marker("slow" if (at * (quick - 1) + turn - 1) % slow == 0 else "rare")
             seen[function] += 1
     option = config.option
     named = any((config.invocation_params.dir / arg.partition("::")[0]).is_file() for arg in config.args)
-    if option.slow or option.markexpr or option.keyword or named:
-        return
-    left_out = [item for item in items if item.get_closest_marker("slow")]
+    left = set()
+    if not (option.every or "rare" in option.markexpr or (not option.markexpr and (option.keyword or named))):
+        left.add("rare")
+    if not (option.slow or option.every or option.markexpr or option.keyword or named):
+        left.add("slow")
+    left_out = [item for item in items if any(map(item.get_closest_marker, left))]
     config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    items[:] = [item for item in items if not any(map(item.get_closest_marker, left))]
 
 
 def pytest_collection_finish() -> None:
