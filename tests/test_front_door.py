@@ -382,14 +382,17 @@ def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Cal
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the matrix subclass")
+@pytest.mark.parametrize("third", [0, *(pytest.param(rest, marks=pytest.mark.rare) for rest in (1, 2))])
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "study"])
 def test_odd_values_are_answered_or_refused(
-        name: str, tmp_path: Path, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+        name: str, third: int, tmp_path: Path, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+    """Each value of each kind at a third of the arguments, and each argument a third of the values."""
     function, right = working[name]
     writes = name.startswith("write") or name in ("cut_to_files", "reduce_by_levels")
     faults = []
-    for argument in right.keys() - {"progress", "build"}:
-        for place, value in enumerate(value for kind in KINDS for value in odd_values(kind, right[argument])):
+    for at, argument in enumerate(argument for argument in right if argument not in ("progress", "build")):
+        values = [value for kind in KINDS for value in odd_values(kind, right[argument])]
+        for place, value in list(enumerate(values))[(third - at) % 3::3]:
             fresh = {key: tmp_path / argument / str(place) / Path(right[key]).name for key in {"folder", "path"} & right.keys()}
             for path in fresh.values():
                 path.parent.mkdir(parents=True)

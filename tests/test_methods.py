@@ -340,7 +340,7 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
                 assert np.abs(found[3:modes + 3] / full[3:modes + 3] - 1).max() < limit
 
 
-@pytest.mark.sampled(17)
+@pytest.mark.sampled(17, 4)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: str) -> None:
@@ -364,7 +364,7 @@ def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(nam
     assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
 
 
-@pytest.mark.sampled(13)
+@pytest.mark.sampled(13, 4)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "guyan", "herting", "hurty", "rubin"])
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str) -> None:
