@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -40,6 +40,25 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip("about CHOLMOD, which this PETSc was built without")
 
 
+def sampled(cases: list[Any]) -> list[str]:
+    """'' for each quick case of a test, 'slow' or 'rare' for the others. Each value of each of several parameters is in one that
+    is not rare."""
+    found: list[str] = []
+    for at, case in enumerate(cases):
+        quick, slow = (*case.get_closest_marker("sampled").args, 1)[:2]
+        row, turn = divmod(at, quick)
+        found.append("" if not turn else "rare" if (row * (quick - 1) + turn - 1) % slow else "slow")
+    columns = list(zip(*(case.callspec.indices.values() for case in cases), strict=True))
+    if len({*columns}) > 1:
+        seen = {(name, column[at]) for name, column in enumerate(columns) for at, kind in enumerate(found) if kind != "rare"}
+        for at, kind in enumerate(found):
+            own = {(name, column[at]) for name, column in enumerate(columns)}
+            if kind == "rare" and not own <= seen:
+                found[at] = "slow"
+                seen |= own
+    return found
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """
@@ -51,14 +70,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
     Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
     """
-    seen: Counter[str] = Counter()
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
-        if sampled := item.get_closest_marker("sampled"):
-            function, (quick, slow) = item.nodeid.partition("[")[0], (*sampled.args, 1)[:2]
-            at, turn = divmod(seen[function], quick)
-            if turn:
-                item.add_marker("slow" if (at * (quick - 1) + turn - 1) % slow == 0 else "rare")
-            seen[function] += 1
+        if item.get_closest_marker("sampled"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    for several in cases.values():
+        for item, name in zip(several, sampled(several), strict=True):
+            if name:
+                item.add_marker(name)
     option = config.option
     named = any((config.invocation_params.dir / arg.partition("::")[0]).is_file() for arg in config.args)
     left = set()

@@ -77,7 +77,7 @@ def check(small: fs.BoxModel, full, band: tuple[float, float], places: list[dict
             assert found.is_stable == (growing < 0), place
 
 
-@pytest.mark.sampled(4)  # the quick ones are shared with other tests
+@pytest.mark.sampled(4, 2)  # the quick ones are shared with other tests
 @pytest.mark.parametrize("seed", range(6))
 def test_random_families(seed):
     band, ranges = (0.0, 0.5), {"mu": (0.0, 1.0), "speed": (0.5, 2.0)}
@@ -240,7 +240,7 @@ def test_states_that_stay_know_how_far_they_are_off():
     assert small.distance(lacks, cell.states, values) == np.inf
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(3, 2)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_box_may_end_beside_the_axis(seed):
     """Fewer shapes, and still all that grows or decays slowly."""

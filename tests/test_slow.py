@@ -22,7 +22,9 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "tests" / "conftest.py", root / "tests")
     (root / "tests" / "test_two.py").write_text(
         "import pytest\n\ndef test_quick():\n    pass\n\n@pytest.mark.slow\ndef test_slow():\n    pass\n\n"
-        "@pytest.mark.sampled(3, 2)\n@pytest.mark.parametrize('at', range(7))\ndef test_of(at):\n    pass\n")
+        "@pytest.mark.sampled(3, 2)\n@pytest.mark.parametrize('at', range(7))\ndef test_of(at):\n    pass\n\n"
+        "@pytest.mark.sampled(3, 9)\n@pytest.mark.parametrize('b', 'xyz')\n@pytest.mark.parametrize('a', 'uvw')\n"
+        "def test_pair(a, b):\n    pass\n")
     return root
 
 
@@ -45,3 +47,6 @@ def test_slow_tests_run_when_they_are_asked_for(suite: Path, args: tuple[str, ..
     assert done.returncode == 0, done.stdout + done.stderr
     found = re.findall(r"::test_(?:of\[)?(\w+)\]?$", done.stdout, re.MULTILINE)
     assert {int(one) if one.isdigit() else one for one in found} == ran, done.stdout
+    if args in [("--slow",), ("--every",)]:  # each value of each parameter is in a case that is not rare
+        pairs = re.findall(r"::test_pair\[(\w)-(\w)\]$", done.stdout, re.MULTILINE)
+        assert {*"".join(map("".join, pairs))} == {*"uvwxyz"} and (len(pairs) < 9) == (args == ("--slow",))
