@@ -48,11 +48,11 @@ def sampled(cases: list[Any]) -> list[str]:
         quick, slow = (*case.get_closest_marker("sampled").args, 1)[:2]
         row, turn = divmod(at, quick)
         found.append("" if not turn else "rare" if (row * (quick - 1) + turn - 1) % slow else "slow")
-    columns = list(zip(*(case.callspec.indices.values() for case in cases), strict=True))
-    if len({*columns}) > 1:
-        seen = {(name, column[at]) for name, column in enumerate(columns) for at, kind in enumerate(found) if kind != "rare"}
-        for at, kind in enumerate(found):
-            own = {(name, column[at]) for name, column in enumerate(columns)}
+    names = cases[0].callspec.params
+    if len(names) > 1:
+        values = [{(name, id(case.callspec.params[name])) for name in names} for case in cases]
+        seen = set().union(*(own for own, kind in zip(values, found, strict=True) if kind != "rare"))
+        for at, (own, kind) in enumerate(zip(values, found, strict=True)):
             if kind == "rare" and not own <= seen:
                 found[at] = "slow"
                 seen |= own

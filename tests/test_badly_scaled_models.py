@@ -173,7 +173,8 @@ def critical(seed: int, near: Callable[[np.random.Generator], float]) -> tuple[f
     return fs.Pencil(*(sp.block_diag(part) for part in zip(*blocks, strict=True))), np.concatenate(exact), omega
 
 
-@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 5), marks=pytest.mark.slow), pytest.param(range(5, 13), marks=pytest.mark.rare)])
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 5), marks=pytest.mark.slow),
+                                   pytest.param(range(5, 13), marks=pytest.mark.rare)])
 @pytest.mark.parametrize("near", [0.0, 2.0**-30, 2.0**-44, -(2.0**-30)])
 def test_bars_at_a_double_real_eigenvalue(near: float, seeds: range) -> None:
     """Whole, or cut by the edge of a band or by a count."""
