@@ -287,7 +287,7 @@ def test_a_port_at_the_interface_adds_nothing(key: str) -> None:
     assert rom.size == plain.size and rom.dropped == plain.dropped + 1
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(3, 2)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", ["held chain", "floating lattice", "massless interface"])
 def test_units_and_numbering_change_nothing(name: str, key: str) -> None:
