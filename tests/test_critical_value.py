@@ -245,6 +245,7 @@ def test_rounding_where_terms_cancel_makes_no_contact_less_affine(stiffness: flo
     assert found.value == pytest.approx(same.value, rel=1e-7) and same.evidence == "certified"
 
 
+@pytest.mark.slow
 def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
     chain = fs.chain(2, belt=2)

@@ -362,9 +362,15 @@ NAMES = sorted(
 )
 
 
+THIRDS = [0, *(pytest.param(rest, marks=pytest.mark.rare) for rest in (1, 2))]
+
+
 @pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow) if name == "study" else name for name in NAMES])
-def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+@pytest.mark.parametrize("third", THIRDS)
+def test_nonsense_is_answered_or_refused(
+        name: str, third: int, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
+    """Each word at a third of the arguments, and each argument with a third of the words."""
     function, right = working[name]
     assert set(right) <= set(inspect.signature(function).parameters)
     with warnings.catch_warnings():
@@ -373,7 +379,7 @@ def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Cal
         faults = [
             f"{argument}={word}: {fault}"
             for at, argument in enumerate(right)
-            for word, value in list(NONSENSE.items())[at % 3 if name == "study" else 0::3 if name == "study" else 1]
+            for word, value in list(NONSENSE.items())[(third - at) % 3::3]
             if not (argument == "progress" and callable(value))  # what a caller's own function raises is the caller's
             and (fault := _fault(function, right | {argument: value}))
         ]
@@ -382,7 +388,7 @@ def test_nonsense_is_answered_or_refused(name: str, working: dict[str, tuple[Cal
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the matrix subclass")
-@pytest.mark.parametrize("third", [0, *(pytest.param(rest, marks=pytest.mark.rare) for rest in (1, 2))])
+@pytest.mark.parametrize("third", THIRDS)
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "study"])
 def test_odd_values_are_answered_or_refused(
         name: str, third: int, tmp_path: Path, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:

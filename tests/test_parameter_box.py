@@ -324,6 +324,7 @@ def pressed(seed: int = 0, n: int = 45) -> fs.Affine:
     return fs.Affine(M, 1e-2 * K, [(1.0, K - soft), ("E", soft), *touching])
 
 
+@pytest.mark.slow
 def test_three_parameters_of_joined_parts(monkeypatch):
     """All of the box is proved, each λ lies in its radius, and states that move with the parameters list them.
 
@@ -415,7 +416,7 @@ def test_a_pole_in_the_box_is_refused():
 M0 = Path(__file__).parents[2] / "shared" / "brake-m0"
 
 
-@pytest.mark.slow
+@pytest.mark.rare  # docs/tutorials/public-brake.md shows the same model: its proof, its error and its 37 modes at 60 speeds
 @pytest.mark.skipif(not M0.exists(), reason="the matrices of brake M0 are not there")
 def test_brake_m0_over_all_speeds():
     read = {name: sp.csr_array(next(value for key, value in loadmat(M0 / f"{name}.mat").items() if key[0] != "_")).astype(float)
