@@ -109,7 +109,7 @@ def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert main(["run", "my.toml", "--out", "out"]) == 0, capsys.readouterr().err
+        assert main(["run", "my.toml", "--no-figures", "--out", "out"]) == 0, capsys.readouterr().err
     assert (tmp_path / "out" / "results.json").exists()
 
 
