@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -23,6 +23,7 @@ pytest.register_assert_rewrite("matrixhelp")  # its assertions tell their values
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--slow", action="store_true", help="run the tests marked slow as well, which a run of all tests leaves out")
+    parser.addoption("--every", action="store_true", help="run every test: the slow ones, and the rare cases as well")
     parser.addoption("--mumps", action="store_true", help="factorise by MUMPS alone, as a PETSc without CHOLMOD does")
 
 
@@ -39,29 +40,54 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         pytest.skip("about CHOLMOD, which this PETSc was built without")
 
 
+def sampled(cases: list[Any]) -> list[str]:
+    """'' for each quick case of a test, 'slow' or 'rare' for the others. Each value of each of several parameters is in one that
+    is not rare."""
+    found: list[str] = []
+    for at, case in enumerate(cases):
+        quick, slow = (*case.get_closest_marker("sampled").args, 1)[:2]
+        row, turn = divmod(at, quick)
+        found.append("" if not turn else "rare" if (row * (quick - 1) + turn - 1) % slow else "slow")
+    names = cases[0].callspec.params
+    if len(names) > 1:
+        values = [{(name, id(case.callspec.params[name])) for name in names} for case in cases]
+        seen = set().union(*(own for own, kind in zip(values, found, strict=True) if kind != "rare"))
+        for at, (own, kind) in enumerate(zip(values, found, strict=True)):
+            if kind == "rare" and not own <= seen:
+                found[at] = "slow"
+                seen |= own
+    return found
+
+
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """
     Of a test marked sampled(k), each k-th case stays quick, and the others are slow.
 
-    A run of all tests leaves out those marked slow; what is selected (-m, -k) or named (a file, a test of it) runs as asked.
+    Of one marked sampled(k, j), each j-th of those others is slow and the rest is rare: more of what the slow ones show, for
+    --every, a mark (-m rare) or a name. A run of all tests leaves out the slow ones; what is selected (-m, -k) or named (a file,
+    a test of it) runs as asked.
 
     Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
     """
-    seen: Counter[str] = Counter()
+    cases: dict[str, list[pytest.Item]] = defaultdict(list)
     for item in items:
-        if sampled := item.get_closest_marker("sampled"):
-            function = item.nodeid.partition("[")[0]
-            if seen[function] % sampled.args[0]:
-                item.add_marker("slow")
-            seen[function] += 1
+        if item.get_closest_marker("sampled"):
+            cases[item.nodeid.partition("[")[0]].append(item)
+    for several in cases.values():
+        for item, name in zip(several, sampled(several), strict=True):
+            if name:
+                item.add_marker(name)
     option = config.option
     named = any((config.invocation_params.dir / arg.partition("::")[0]).is_file() for arg in config.args)
-    if option.slow or option.markexpr or option.keyword or named:
-        return
-    left_out = [item for item in items if item.get_closest_marker("slow")]
+    left = set()
+    if not (option.every or "rare" in option.markexpr or (not option.markexpr and (option.keyword or named))):
+        left.add("rare")
+    if not (option.slow or option.every or option.markexpr or option.keyword or named):
+        left.add("slow")
+    left_out = [item for item in items if any(map(item.get_closest_marker, left))]
     config.hook.pytest_deselected(items=left_out)
-    items[:] = [item for item in items if not item.get_closest_marker("slow")]
+    items[:] = [item for item in items if not any(map(item.get_closest_marker, left))]
 
 
 def pytest_collection_finish() -> None:

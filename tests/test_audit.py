@@ -538,7 +538,7 @@ def test_a_model_of_rigid_motion_alone_is_compared() -> None:
     assert "static interface response" in [one.what for one in found.faults]
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(10, 2)
 @pytest.mark.parametrize("key", ["M", "K", "MK"])
 @pytest.mark.parametrize("by", [0.0, -1.0])
 @pytest.mark.parametrize("method", sorted(METHODS))

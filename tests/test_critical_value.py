@@ -22,7 +22,7 @@ EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(6, 2)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
     """Flutter, negative damping, divergence, several losses and regains."""
@@ -245,6 +245,7 @@ def test_rounding_where_terms_cancel_makes_no_contact_less_affine(stiffness: flo
     assert found.value == pytest.approx(same.value, rel=1e-7) and same.evidence == "certified"
 
 
+@pytest.mark.slow
 def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
     """One dashpot beside another of the same parameter: with a step between 0.30 and 0.31, told by its kinks or found."""
     chain = fs.chain(2, belt=2)
@@ -449,7 +450,7 @@ def test_no_more_digits_are_shown_than_the_window_has() -> None:
 def test_what_is_told_of_an_open_interval_holds() -> None:
     """Tiny damping: rounding hides which of two close modes grow. A crossing is told as wide as it is known, or not at all."""
     checked = 0
-    for seed in (1, 4):
+    for seed in (4, 6):
         family, between = attack.general("tiny damping", np.random.default_rng([seed, attack.KINDS.index("tiny damping")]))
         found = fs.critical_value(family, None, "p", between=between)
         for one in (*found.losses, *found.regains):

@@ -29,8 +29,8 @@ def test_chain_frequencies(n: int) -> None:
 
 @pytest.mark.slow
 def test_chain_of_a_million_masses() -> None:
-    modes = fs.normal_modes(fs.chain(1_000_000), count=20)
-    assert np.abs(modes.frequencies / fs.chain_frequencies(1_000_000, 20) - 1).max() < 1e-9
+    modes = fs.normal_modes(fs.chain(1_000_000), count=4)
+    assert np.abs(modes.frequencies / fs.chain_frequencies(1_000_000, 4) - 1).max() < 1e-9
 
 
 @pytest.mark.parametrize("n", [10, 1000])

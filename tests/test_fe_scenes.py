@@ -251,7 +251,7 @@ def test_a_solid_from_a_mesh_file_beside_the_scene(tmp_path: Path, capsys: pytes
             'solid = "bar.vtu"\nmaterial = {root = "steel", end = "aluminium"}\nsupports = ["left"]\ninterface = ["right:z"]\n'
             'ports = {belt = ["tip", [0, 0.0, 2]]}\n[contact.belt]\nbelt = "bar.belt"\n[reduce]\nmethods = ["craig-bampton"]\n'
             'modes = [12]\n[[ask]]\ncomplex-modes = "all"\n')
-    assert main(["run", scene_file(tmp_path, text), "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
+    assert main(["run", scene_file(tmp_path, text), "--no-figures", "--out", str(tmp_path / "out")]) == 0, capsys.readouterr().err
     data = json.loads((tmp_path / "out" / "results.json").read_text())
     assert data["interface"] == 8 and data["complex-modes"]["models"][1]["shape_error"] < 0.1
 

@@ -74,8 +74,8 @@ def test_the_harness_sorts_other_content(tmp_path: Path) -> None:
     assert only_numbers(b"\0" * 9, b"\0" + b"\1" * 8) and not only_numbers(b"\0" * 9, b"\1" * 9)
 
 
-@pytest.mark.parametrize(("what", "count"), [("write", 3), pytest.param("write", 30, marks=pytest.mark.slow),
-                                               pytest.param("run", 10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("what", "count"), [("write", 3), pytest.param("write", 12, marks=pytest.mark.slow),
+                                               pytest.param("run", 5, marks=pytest.mark.slow)])
 def test_killed_while_it_writes(tmp_path: Path, what: str, count: int) -> None:
     """What is read back is one model or the other, and the next write leaves no hidden file."""
     script = Path(__file__).with_name("killing.py")

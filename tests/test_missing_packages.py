@@ -199,7 +199,7 @@ def called(command: list[str | Path], **more: Any) -> subprocess.CompletedProces
 
 
 @pytest.mark.parametrize(("extra", "contained"), [
-    ("dev", {"figures", "fe", "page", "nastran", "completion", "test", "dev"}), ("figures", {"figures", "fe"}),
+    ("dev", {"figures", "fe", "page", "nastran", "completion", "test", "docs", "dev"}), ("figures", {"figures", "fe"}),
     ("page", {"page"})])
 def test_a_set_up_counts_for_the_extras_that_it_contains(extra: str, contained: set[str], clone: Path) -> None:
     common = f"cd {clone}; . scripts/setup-common.bash {extra}; mkdir -p $state; install_femsub"

@@ -24,7 +24,7 @@ FUNCTIONS = ("compile", "match", "search", "split", "sub", "subn", "fullmatch", 
 #: what local names in patterns may hold
 LOCALS = {"family": "C3D|DC3D", "layout": "coordinate", "name": b"NumberOfPoints", "self": SimpleNamespace(section="Nodes")}
 PASSED_ON = {"femsub/io/mesh_text.py: pattern"}  # of `Deck.whole`, whose callers' patterns are collected
-SHORT, LONG, FLOOR = 4096, 16384, 0.02  # linear time at LONG is far below FLOOR, quadratic time far above
+SHORT, LONG, FLOOR = 2048, 8192, 0.02  # linear time at LONG is far below FLOOR, quadratic time far above
 KINDS = {sre.CATEGORY_DIGIT: "1", sre.CATEGORY_SPACE: " \t\n", sre.CATEGORY_WORD: "a1", sre.CATEGORY_NOT_SPACE: "a1,",
          sre.CATEGORY_NOT_DIGIT: "a ", sre.CATEGORY_NOT_WORD: " ,"}
 ANY = "a 1,.\t%'\"\n"

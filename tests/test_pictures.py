@@ -52,7 +52,7 @@ COMPARED = "reduce.repeats = 1\n[[ask]]\ncompare = ['growth', 'critical']\n"
     # one value of mu, and a narrow range about the loss: a third of the time of three values and a wide range, the same errors
     pytest.param("brake", "reduce.methods = [['craig-bampton', 'contact-modes'], 'contact-modes']\nreduce.modes = [60]\n[[ask]]\n"
                  "compare = ['growth', 'critical']\nparameter = 'mu'\nvalues = [0.6]\nbetween = [0.217, 0.226]\n",
-                 marks=pytest.mark.slow)])
+                 marks=pytest.mark.rare)])
 def test_a_picture_shows_the_errors_of_today(scene: str, keys: str, tmp_path: Path) -> None:
     """Over the size: seconds are those of one machine."""
     found = today(tmp_path, scene, keys)

@@ -76,7 +76,7 @@ def count(pencil: fs.Pencil, contour: Contour) -> Count | None:
         return None
 
 
-@pytest.mark.sampled(7)  # each kind of damping
+@pytest.mark.sampled(7, 2)  # each kind of damping
 @pytest.mark.parametrize("seed", range(36))
 def test_a_count_is_never_wrong(seed: int) -> None:
     """Where it is given, it is LAPACK's; and it is given for most. In 300 models of the same kind none was wrong."""
@@ -91,7 +91,7 @@ def test_a_count_is_never_wrong(seed: int) -> None:
             assert found is not None and found.margin < 1
 
 
-@pytest.mark.sampled(13)
+@pytest.mark.sampled(13, 3)
 @pytest.mark.parametrize("seed", range(36))
 def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
     """P(s) + Σ θ_q s^q T_q with stiffness, damping, mass and a contact that change: where a count is given, it is LAPACK's."""
@@ -137,7 +137,7 @@ def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(4, 2)
 def test_each_sign_of_damping_has_its_own_bound(seed: int) -> None:
     """Re xᴴP(s)x ≥ c xᴴAx outside the basis all over an uneven rectangle, and as many eigenvalues as by LAPACK."""
     pencil = random_pencil(seed)
@@ -518,9 +518,12 @@ BRAKE = Path(__file__).parent.parent.parent / "shared" / "brake-m0"
 
 @pytest.mark.slow
 @pytest.mark.skipif(not BRAKE.is_dir(), reason=f"the matrices of a brake are not in {BRAKE}")
-@pytest.mark.parametrize("turns", [1, 2, 4])
+@pytest.mark.parametrize("turns", [2, *(pytest.param(turns, marks=pytest.mark.rare) for turns in (1, 4))])
 def test_the_public_brake_with_its_material_damping_is_certified(turns: int) -> None:
-    """37 eigenvalues, one of which grows; 230 shapes are strongly damped (Gräbner et al., ZAMM 96 (2016) 1388)."""
+    """37 eigenvalues, one of which grows; 230 shapes are strongly damped (Gräbner et al., ZAMM 96 (2016) 1388).
+
+    One turn a second is on the page docs/tutorials/public-brake.md.
+    """
     M, D1, DG, DR, D4, K1, KR, KG = (
         sp.csr_array(next(value for name, value in loadmat(BRAKE / f"{file}.mat").items() if not name.startswith("_")))
         for file in ("BMLL", "BDLL", "BYLL", "BDIWLL", "BHLL", "BKLL", "BKQLL", "BWLL"))

@@ -4,6 +4,7 @@ A page is one test: it runs from top to bottom, its ```python blocks in one name
 that follows is their output, and is compared by the rules of benchmarks/pages.py: numbers to the digits shown, `…` stands for
 anything. A block that prints must show what. `python -m benchmarks pages docs/x.md` does the same for one page, and `--write`
 puts the output into it. A page of more than some 3 s has a comment `<!-- slow -->`.
+One of half a minute, whose numbers other tests have, has `<!-- rare -->`.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def blocks(language: str) -> list[str]:
 
 
 def slow(page: str) -> Any:
-    return pytest.mark.slow if "<!-- slow -->" in TEXTS[page] else ()
+    return next((getattr(pytest.mark, name) for name in ("slow", "rare") if f"<!-- {name} -->" in TEXTS[page]), ())
 
 
 def prose(page: str) -> list[str]:
@@ -108,7 +109,7 @@ def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     monkeypatch.chdir(tmp_path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert main(["run", "my.toml", "--out", "out"]) == 0, capsys.readouterr().err
+        assert main(["run", "my.toml", "--no-figures", "--out", "out"]) == 0, capsys.readouterr().err
     assert (tmp_path / "out" / "results.json").exists()
 
 

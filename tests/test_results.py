@@ -371,7 +371,7 @@ def test_a_run_changes_nothing_outside_of_its_folder(name: str, repeated: Callab
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["two-mode", pytest.param("solid", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["two-mode", pytest.param("solid", marks=pytest.mark.rare)])
 def test_a_process_changes_nothing_outside_of_its_folder(tmp_path: Path, name: str) -> None:
     """From its imports to its end; figures are drawn into a new folder, and into the same again."""
     (tmp_path / "temporary").mkdir()

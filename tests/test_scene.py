@@ -258,7 +258,7 @@ def test_matrices_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str],
     scene = scene_file(tmp_path, 'scene = "matrices"\nband = [0.0, 0.4]\n[part.part]\n'
                                  'matrices = {M = "M.mtx", K = "K.mtx", D = "D.mtx"}\n'
                                  "[contact.belt]\nslope = -0.1\n[reduce]\nmodes = [6]\nrepeats = 1\n")
-    status = main(["run", scene, "--out", str(tmp_path / "out")])
+    status = main(["run", scene, "--no-figures", "--out", str(tmp_path / "out")])
     printed = capsys.readouterr()
     if words:
         assert status == 2 and words in printed.err and printed.err.count("\n") == 1 and not (tmp_path / "out").exists()

@@ -44,7 +44,7 @@ def run(*args: object) -> subprocess.CompletedProcess[str]:
 def test_the_commands_are_listed(name: str) -> None:
     done = run(*[name] if name else [])
     assert done.returncode == (2 if name == "no-such-command" else 0)
-    listed = re.findall(r"^  ([a-z-]+)  +\S", done.stdout + done.stderr, re.MULTILINE)
+    listed = re.findall(r"^  ([a-z-]+)(?:  +\S|$)", done.stdout + done.stderr, re.MULTILINE)
     assert listed == sorted(COMMANDS)
 
 
@@ -70,16 +70,16 @@ def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, cap
 
 
 #: seeds of the attack on boxes: small families, as one of 400 DOF takes as long as these, and what it has found, from 32015 on
-SMALL = {"light": (4,), "strong": (10, 18), "negative": (6,), "gyroscopic": (1, 32015), "circulatory": (3, 33083, 34115),
-         "mixed": (3, 32017)}
+SMALL = {"light": (4,), "strong": (10,), "negative": (6,), "gyroscopic": (32015,), "circulatory": (33083, 34115),
+         "mixed": (32017,)}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("subject", ["cycles", "unheld", "audits", "cutoff", "counts", "boxes"])
 def test_attacks_that_no_other_test_asks_find_nothing(subject: str) -> None:
-    """One to three seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
+    """One or two seeds of each kind; `python -m benchmarks attack SUBJECT` runs thousands."""
     kinds, attacked = SUBJECTS[subject]
-    seeds = SMALL if subject == "boxes" else dict.fromkeys(kinds, range(3))
+    seeds = SMALL if subject == "boxes" else dict.fromkeys(kinds, range(2))
     assert not [found for kind in kinds for seed in seeds[kind] if (found := attacked(kind, seed)).startswith("wrong")]
 
 
@@ -130,7 +130,7 @@ def test_the_judge_of_models_over_a_box_sees_each_fault(fault: str, said: str) -
 BRAKE = ROOT.parent / "shared" / "brake-m0"
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 @pytest.mark.skipif(not BRAKE.is_dir(), reason=f"the matrices of a brake are not in {BRAKE}")
 def test_other_bases_of_the_public_brake_miss_what_grows_or_need_more_columns() -> None:
     """Of three speeds; docs/methods/over_a_range.md."""
@@ -165,7 +165,7 @@ def test_scaling_of_the_chain(tmp_path: Path) -> None:
     assert all(rows[step]["stable"] == "yes" for step in ("CEA full", "CEA HCB", "CEA CC"))
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_scaling_of_finite_elements(tmp_path: Path) -> None:
     args = ("--components", "beam", "plate", "solid", "--largest", "100", "--steps", "CC")
     rows = {(row["component"], row["dof"]): row for row in scaling(tmp_path, *args)["rows"]}

@@ -30,7 +30,7 @@ def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> No
     assert solvers("undamped", seed) == "agree"
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(5, 2)
 @pytest.mark.parametrize("seed", range(12))
 def test_a_coalescence_without_damping_lies_within_a_narrow_width(seed: int) -> None:
     """Beside its value ∓ width the full matrices have different numbers of complex ω²; by iω alone the width was up to 9 %."""

@@ -44,7 +44,7 @@ def test_errors_with_the_belt_under_m2() -> None:
     assert abs(hcb / full - 1) == pytest.approx(9e-7, abs=1e-7) and abs(cc / full - 1) < 1e-8
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(8, 2)
 @pytest.mark.parametrize("belt", range(1, 11))
 @pytest.mark.parametrize("n", [10, 33])
 def test_the_two_ways_agree_and_the_pencil_confirms(belt: int, n: int) -> None:

@@ -89,7 +89,7 @@ def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> No
         assert meetings("symmetric", 2) == "certified"
 
 
-@pytest.mark.sampled(13)
+@pytest.mark.sampled(13, 3)
 @pytest.mark.parametrize("rigid", [0, 1])
 @pytest.mark.parametrize("values", [[-1, 0, 1], [-1, 0.3, 1], [0, 0.5, 1], [-1, -0.5, 0], [-1, -0.5, 0, 0.5, 1]])
 @pytest.mark.parametrize("damping", [0.0, 0.1])
@@ -208,7 +208,7 @@ def test_real_eigenvalues_have_branches_of_their_own() -> None:
     assert found.eigenvalues.shape[1] == 4 and np.abs(found.eigenvalues[-1].imag).max() == 0.0
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(6, 2)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_fine_steps(seed: int) -> None:
     model = random_model(seed)
@@ -347,7 +347,7 @@ def test_branches_without_a_part_in_it_are_grey_and_models_solved_here_and_there
     circles = {line.get_label(): line.get_ydata() for line in figure.axes[0].lines if line.get_label().startswith("full")}
     grow = np.concatenate([values for _, values in solved]).real > 0
     assert len(circles["full, unstable"]) == grow.sum() > 0 and len(circles["full, stable"]) == (~grow).sum()
-    assert figure.axes[1].get_yscale() == "symlog"  # what decays fast does not set the scale of what grows
+    assert figure.axes[1].get_yscale() == "linear"  # what grows is seen beside what decays: within a factor of 10
     lo, hi = figure.axes[1].get_ylim()
     assert lo < tracked.eigenvalues.real.min() and tracked.eigenvalues.real.max() < hi
 

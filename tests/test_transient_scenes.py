@@ -244,7 +244,7 @@ def test_a_motion_that_the_reduction_makes_is_named(tmp_path: Path, capsys: pyte
         '[part.mine]\nmatrices = {M = "M.mtx", K = "K.mtx"}\nrayleigh = [0.01, 0.001]\nports = {rub = [3]}\n[contact.belt]\n'
         'belt = "mine.rub"\nforce = 1\nspeed = 0.2\n[reduce]\nmethods = ["HCB"]\nmodes = [3]\n[[ask]]\nmotion = [0, 100]\n',
         encoding="utf-8")
-    assert main(["run", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert main(["run", str(tmp_path / "my.toml"), "--no-figures", "--out", str(tmp_path / "out")]) == 0
     found = json.loads((tmp_path / "out" / "results.json").read_text())
     full, reduced = found["motion"]["models"]
     assert reduced["peaks"][0] > reduced["cutoff"] and reduced["rms"] > 5 * full["rms"]

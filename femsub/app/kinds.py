@@ -43,6 +43,12 @@ def _packaged() -> dict[str, dict[str, str]]:
     return found
 
 
+@cache
+def _installed() -> tuple[ModuleType, ...]:
+    """The modules of kinds that installed packages have; to look through all of them takes as long as a small scene."""
+    return tuple(one.load() for one in entry_points(group="femsub.kinds"))
+
+
 def defined_in(module: ModuleType) -> Iterator[type[Kind]]:
     """The kinds that a module defines itself."""
     for one in vars(module).values():
@@ -55,7 +61,7 @@ class Kinds:
 
     def __init__(self, modules: Sequence[ModuleType] = ()) -> None:
         self.own: dict[tuple[str, str], type[Kind]] = {}
-        for module in (*modules, *(one.load() for one in entry_points(group="femsub.kinds"))):
+        for module in (*modules, *_installed()):
             for kind in defined_in(module):
                 self.own[kind.FAMILY, kind.KIND] = kind
 
