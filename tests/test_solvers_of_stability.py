@@ -84,7 +84,7 @@ def test_never_lost_and_unstable_from_the_begin_look_the_same_by_all_solvers() -
         never = fs.critical_value(chain, belt, "slope", between=(0.0, -0.01), band=(0.0, 2.1), solver=solver)
         assert never.value == -np.inf and not never.losses and "never lost" in repr(never)
         begin = fs.critical_value(unstable, belt, "slope", between=(0.0, -0.01), band=(0.0, 2.1), solver=solver)
-        assert begin.value == 0.0 and begin.growing == 20 and begin.fastest.real > 0 and "grow from the begin" in repr(begin)
+        assert begin.value == 0.0 and begin.growing == 20 and begin.fastest.real > 0 and "grow from the start" in repr(begin)
 
 
 @pytest.fixture

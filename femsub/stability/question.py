@@ -50,26 +50,26 @@ class LossQuestion:
 class CriticalValue(Displayed):
     """The values of a parameter at which stability is lost, made by `critical_value`; ``float(...)`` gives the first.
 
-    "First" and "beyond" are meant on the way from the begin of the range to its end, which may be below it.
+    "First" and "beyond" are meant on the way from the start of the range to its end, which may be below it.
 
     Attributes
     ----------
     parameter : str
     value : float
-        The first loss. The begin of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
-        that falls. If it is first lost in an open interval, at a place that is not known, the begin of what is left of it. If
+        The first loss. The start of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
+        that falls. If it is first lost in an open interval, at a place that is not known, the start of what is left of it. If
         the model was followed, and a mode that grows comes into the band, having lost its stability outside: where it comes in.
     losses, regains : tuple of Crossing
         Where modes begin and cease to grow, in the order of the way. A loss at either end of the range belongs to it: at the
-        begin the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there
+        start the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the start there
         is none, since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing
-        eigenvalues just beyond the end less those at the begin. The port's root finds the first loss only.
-    searched : (begin, end)
+        eigenvalues just beyond the end less those at the start. The port's root finds the first loss only.
+    searched : (start, end)
         The range of the parameter.
     band : (lo, hi)
         The band in which crossings count; for a reduced model it ends at the cut-off.
     growing : int
-        Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
+        Number of eigenvalues in the band that grow at the start of the range (a pair counts twice).
     fastest : complex
         Of these the one of largest growth; NaN if none grows.
     open : tuple of (float, float)
@@ -193,7 +193,7 @@ class CriticalValue(Displayed):
         where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}{until(self.cutoff)}; {self.evidence}"
         where += f", {len(self.open)} intervals open" if self.open else ""
         if self.growing:
-            what = f": {self.growing} eigenvalues grow from the begin on;"
+            what = f": {self.growing} eigenvalues grow from the start;"
         elif not np.isfinite(self.value):
             what = ": stability is never lost;"
         elif not self.first:

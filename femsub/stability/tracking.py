@@ -119,7 +119,8 @@ class Tracked(Displayed):
 
     def __repr__(self) -> str:
         kinds = [meeting.kind for meeting in self.meetings]
-        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "no meetings"
+        counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+        shown = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items()) or "no meetings"
         grow = int(self.growing.any(axis=0).sum())
         return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
                 f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {shown}; "

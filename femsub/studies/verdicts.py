@@ -17,7 +17,8 @@ NEVER = ("All errors are relative to the full model. The run does not show how w
 LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: ask for "
           "motion or cycles.")
 #: answers, as a reader meets them
-ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
+ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found",
+           "nowhere": "Nowhere", "no fault found": "No fault found"}
 OUTSIDE = "Frequencies outside the band were not compared."
 
 
@@ -37,7 +38,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class Verdict(Remark):
-    """'yes', 'no', 'in part', 'open' or 'found'; the answer in a sentence; what decides it; what is not checked."""
+    """A key of `ANSWERS`; the answer in a sentence; what decides it; what is not checked."""
 
     answer: str = "open"
     headline: str = ("This run compares no models by their errors, so it does not decide whether a small model may replace the "
