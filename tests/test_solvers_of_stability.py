@@ -248,7 +248,7 @@ def test_where_a_growing_mode_comes_into_the_band_is_told() -> None:
     family, between, _ = through(12, begins=0.2)
     found = fs.critical_value(family, None, "p", between=between, band=(0.09, 0.12), solver="followed")
     assert not found.losses and not found.open and found.evidence == "certified"
-    assert found.value == pytest.approx((0.03 - 0.12**2) / 0.05, rel=1e-4) and "comes into the band" in repr(found)
+    assert found.value == pytest.approx((0.03 - 0.12**2) / 0.05, rel=1e-4) and "enters the band" in repr(found)
 
 
 @pytest.mark.usefixtures("unproved")

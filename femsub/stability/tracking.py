@@ -175,7 +175,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small one. Else each
     value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are halved to
     1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again between two
-    values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that. Nor is a mode that
+    values, without a trace in slopes and vectors at either, are missed; `critical_value` excludes that. Nor is a mode that
     crosses the whole band between two values, and is in it at none.
 
     References

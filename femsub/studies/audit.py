@@ -37,7 +37,7 @@ class Audit(Displayed):
     omega : ndarray, shape (k,)
         Elastic frequencies of the reduced model in radians per unit of time.
     lower : ndarray, shape (k,)
-        Those of the full model: themselves, or without it what they cannot lie below. NaN where nothing is known.
+        Frequencies of the full model; without it, lower bounds of them. NaN where nothing is known.
     cutoff : float
         The frequency of the first mode that is left out, as counted, or as stated. NaN where it is not known.
     tally : Tally
@@ -185,7 +185,7 @@ def _word(row: Mapping[str, Any]) -> str:
 
 def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,
           cutoff: float | None = None, floating: bool | None = None, gyroscopic: bool = False, units: str = "") -> Audit:
-    """Check anybody's reduced model: M, D, K of shape (r, r), by itself or against the full one, (n, n).
+    """Check a reduced model from any source: M, D, K of shape (r, r), by itself or against the full one, (n, n).
 
     By itself it is checked for symmetry, definiteness, modes that are orthonormal, rigid motion without energy, the mass matrix
     of a rigid body, and digits. Against the full model each statement is an equation, a count or a bound:
@@ -193,7 +193,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         M = VᵀMV, K = VᵀKV, D = VᵀDV,   XᵀKX = K_bb - K_bi K_ii⁻¹ K_ib,   XᵀMX = CᵀMC,   ω ≥ ω_full,
 
     X (r, n_b) and C (n, n_b) the static responses to motions of the interface. The modes below the cut-off are counted by the
-    inertia of K - ω²M. V is not needed for the others than the first three.
+    inertia of K - ω²M. Only the first three equations need V.
 
     Parameters
     ----------
@@ -206,9 +206,9 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     mass : float, optional
         The mass that the part should have, to 1 %.
     cutoff : float, optional
-        The frequency below which all modes are said to be kept; by default what the model itself states.
+        The cut-off: all modes below it are kept, as the author states. Default: that of the model itself.
     floating : bool, optional
-        Whether the part hangs on nothing. With the full model that is known.
+        Whether the part is unsupported. With the full model this is known.
     gyroscopic : bool
         Whether the part turns, so that D may be unsymmetric.
     units : str

@@ -81,7 +81,7 @@ class CriticalAsk(Ask):
                                    if row["reason"])
             if any(row["omega"] == 0 for row in rows):
                 shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of "
-                             f"what oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
+                             f"oscillating modes give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
             shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
             if not (self.by_slope or names):
@@ -147,7 +147,7 @@ class CriticalAsk(Ask):
 
     def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
         """What was found, and what was not excluded."""
-        left = [f"{name}: not excluded are further crossings in "
+        left = [f"{name}: further crossings are not excluded in "
                 f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found
                 in lost.items() if found.open]
         decides = []
