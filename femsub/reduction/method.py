@@ -138,8 +138,8 @@ class Method(ABC):
             lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"
             raise InputError(f"{name}: {lacking} is missing; band and tol go together")
         if self.unestimated:
-            raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate is possible for a tolerance, since "
-                             f"{self.unestimated}")
+            raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate is possible for a tolerance, "
+                             f"since {self.unestimated}")
         object.__setattr__(self, "band", Goal(self.band, self.tol).band)
 
     def __str__(self) -> str:

@@ -61,8 +61,9 @@ class CriticalValue(Displayed):
         the model was followed, and a growing mode enters the band: the value where it enters.
     losses, regains : tuple of Crossing
         Where modes begin and cease to grow, in the order of the search. A loss at either end of the range counts: the mode
-        grows, or would grow, just beyond. A regain at the end counts as well, but none at the start. So losses less regains, a pair counting twice, are the growing
-        eigenvalues just beyond the end less those at the start. The port's root finds the first loss only.
+        grows, or would grow, just beyond. A regain at the end counts as well, but none at the start. So losses less regains, a
+        pair counting twice, are the growing eigenvalues just beyond the end less those at the start. The port's root finds the
+        first loss only.
     searched : (start, end)
         The range of the parameter.
     band : (lo, hi)
