@@ -83,11 +83,11 @@ def picture(scene: str, out: Path) -> None:
 def page(runs: dict[str, Any]) -> str:
     """The gallery's page."""
     lines = ["# Gallery", "",
-             "Every scene as it stands, without a key changed. `scripts/femsub run NAME --out out` repeats a run, and",
+             "Every built-in scene, with no key changed. `scripts/femsub run NAME --out out` repeats a run, and",
              "`scripts/femsub new NAME > my.toml` begins a file of your own with its keys.",
              "Times are processor time of one thread. `matrices`, `own-parts` and `superelements` need files of your own.",
              "Here they take those in `meshes`.", "",
-             "[The paper's figures](paper.md) stand on a page of their own, beside ours.", "",
+             "[The paper's figures](paper.md) have a page of their own, beside ours.", "",
              "| scene | what it does | run time |", "|---|---|---|",
              *(f"| [{scene}](#{scene}) | {line} | {seconds(runs[scene])} |" for scene, line in SCENES.items())]
     for scene, line in SCENES.items():

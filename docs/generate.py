@@ -155,7 +155,7 @@ def cell(text: str) -> str:
 
 def family_table(folder: str = "") -> str:
     rows = "\n".join(f"| [{title}]({folder}kinds/{family}.md) | {line} |" for family, (title, line) in FAMILIES.items())
-    return ("| page | what stands there |\n|---|---|\n"
+    return ("| page | contents |\n|---|---|\n"
             f"| [Tables of one kind]({folder}kinds/tables.md) | units, band, materials, parameters, reduction |\n{rows}\n")
 
 

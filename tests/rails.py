@@ -11,7 +11,7 @@ from femsub.io.pieces import Piece
 
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 SIDE = 0.01  # m, of an element
-APART = 0.4, 0.8  # m between sleepers, at the begin and at the end; so the lowest frequencies lie apart, too
+APART = 0.4, 0.8  # m between sleepers, at the start and at the end; so the lowest frequencies lie apart, too
 WIDE = 0.05  # m, of a sleeper
 PATCH = 0.025  # m, half of that on which a belt rubs, in a quarter of the last span: in its middle bending does not move the top
 ARGUMENTS = {"material": STEEL, "supports": ["sleepers"], "ports": {"belt": ("patch", "x")}, "rayleigh": (0.0, 2e-7)}

@@ -169,12 +169,21 @@ def test_what_does_not_fit_is_told(change: tuple[str, str], words: str, tmp_path
     assert not (tmp_path / "out").exists()
 
 
+def test_growth_at_the_start_of_the_range_is_no_zero_losses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Between 0.041 and 0.116 one mode grows."""
+    told = run(tmp_path, 'scene = "affine"\nfigures = false\n[[ask]]\ncritical = "speed"\nbetween = [0.06, 0.1]\n')
+    assert [row["stability"] for row in told["critical"]] == ["lost at the start"]
+    assert "Found. Modes grow from the start of the range of speed." in " ".join(capsys.readouterr().out.split())
+
+
 def test_a_band_counts_and_an_empty_one_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Between 0.5 and 1.1 the mode that grows is outside; above 5 there is none to draw, and the other ask is kept."""
     asks = '[[ask]]\ncritical = "speed"\n[[ask]]\nflutter = "speed"\npoints = 5\n'
     told = run(tmp_path, f'scene = "affine"\nfigures = false\nband = [0.5, 1.1]\nunits = "SI"\n{asks}')
     assert [row["stability"] for row in told["critical"]] == ["never lost"]
-    assert "modes from 0.5 to 1.1 rad/s (0.07958 to 0.1751 Hz)" in " ".join(capsys.readouterr().out.split())
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "modes from 0.5 to 1.1 rad/s (0.07958 to 0.1751 Hz)" in printed and "0 losses" not in printed
+    assert told["verdict"]["answer"] == "nowhere" and told["verdict"]["headline"].startswith("Never lost between speed = ")
     (tmp_path / "scene.toml").write_text(f'scene = "affine"\nfigures = false\nband = [5.0, 20.0]\n{asks}', encoding="utf-8")
     assert main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "out")]) != 0
     told = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))

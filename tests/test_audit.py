@@ -231,7 +231,7 @@ def test_a_planted_fault_is_found(fault: str) -> None:
 def test_the_sound_model_has_none_of_them() -> None:
     for found in (fs.audit(reduced(), full()), fs.audit(given(reduced()), full()), fs.audit(given(reduced(), "V"), full()),
                   alone(given(reduced())), fs.audit(given(reduced(), "V", "kinds"), full())):
-        assert found.verdict == "good" and not found.faults, found.text
+        assert found.verdict == ("good" if found.full_size else "no fault found") and not found.faults, found.text
     assert fs.audit(reduced(), full()).evidence == "certified"
 
 
@@ -391,6 +391,17 @@ def test_a_part_that_turns_has_an_unsymmetric_damping() -> None:
     assert names(fs.audit(given(fs.reduce(turning, fs.CraigBampton(8))), sub)) == ["D symmetric", "D = VᵀDV"]
 
 
+def test_without_the_full_model_no_fault_is_no_proof() -> None:
+    """A model from which a mode is missing looks sound by itself: the answer is neither yes nor good."""
+    wrong = kept(given(reduced(), "V", "full_interface"), np.delete(np.arange(20), 14))
+    found = fs.audit(wrong)
+    assert (found.verdict, found.answer.answer) == ("no fault found", "no fault found") and fs.audit(wrong, full()).faults
+    count = len(found.unknown)
+    assert count and f"no fault found; {count} things cannot be known" in repr(found) and "good" not in repr(found)
+    assert f"No fault found. {count} things cannot be known of model" in " ".join(found.text.split())
+    assert found.record()["verdict"] == "no fault found" and "modes below the cut-off" in found.answer.headline
+
+
 def test_causes_are_guessed() -> None:
     def todo(plant: Callable[[Given], Given]) -> str:
         found = fs.audit(plant(given(reduced(), "V")), full())
@@ -496,7 +507,8 @@ def test_the_command_prints_a_page_and_ends_with_1_at_a_fault(folder: Path, monk
     told = json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
     assert told["audit"]["verdict"] == "fault" and {"checks.csv", "frequencies.csv"} <= set(told["written"])
     assert main([*bare, "--dofs", "interface.csv", "--mass", "47.1", "--floating", "yes", "--units", "SI"]) == 0
-    assert "mass and inertia" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "mass and inertia" in printed and printed.splitlines()[1].startswith("No fault found. ")
     full_files = ["--full", "full/M.mtx", "full/K.mtx", "--full-dofs", "full/dofs.csv", "--full-interface"]
     nodes = ",".join(f"{node}:*" for node in dict.fromkeys(reduced().interface_dofs.nodes.tolist()))  # type: ignore[union-attr]
     assert main([*bare, *full_files, nodes]) == 1 and "modes below the cut-off" in capsys.readouterr().out

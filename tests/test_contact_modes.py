@@ -116,7 +116,7 @@ def test_the_first_loss_of_the_full_model_is_near_that_of_the_reduced_one() -> N
 
 
 def test_a_loss_at_a_place_not_known_is_no_critical_value(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where a growing mode comes into the band at its edge: the reason is told, not the begin of the interval."""
+    """As where a growing mode comes into the band at its edge: the reason is given, not the start of the interval."""
     def found(asked: object, contacts: object, parameter: str, between: tuple[float, float], *_: object) -> CriticalValue:
         question = LossQuestion(asked, contacts, parameter, None, between, BAND)  # type: ignore[arg-type]
         return CriticalValue.of(question, [], [], Tally(0), method="followed", lost=[between[0]], open=[between])

@@ -301,7 +301,7 @@ def test_only_crossings_in_the_band_count() -> None:
     low, high = (fs.critical_value(family, None, "mu", between=(0.0, 1.0), band=band) for band in ((0.0, 3.0), (3.0, 10.0)))
     assert [round(float(one), 9) for one in (low, high)] == [0.1, 0.125] and len(low.losses) == len(high.losses) == 1
     late = fs.critical_value(family, None, "mu", between=(0.11, 1.0))
-    assert late.growing == 2 and late.value == 0.11 and len(late.losses) == 1 and "grow from the begin" in repr(late)
+    assert late.growing == 2 and late.value == 0.11 and len(late.losses) == 1 and "grow from the start" in repr(late)
     never = fs.critical_value(family, None, "mu", between=(-0.05, 0.05))
     assert never.value == np.inf and "never lost" in repr(never)
 

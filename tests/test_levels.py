@@ -91,7 +91,7 @@ def test_parts_may_meet_in_edges_and_points(tmp_path: Path) -> None:
 
 
 def chain_piece(at: int, count: int, folder: str = "") -> fs.Substructure:
-    """One of `count` pieces of a chain of unit masses, held at its begin, with an open end; a file tells that it was made."""
+    """One of `count` pieces of a chain of unit masses, held at its start, with an open end; a file tells that it was made."""
     if folder:
         Path(folder, f"made-{at}-{len(list(Path(folder).iterdir()))}").touch()
     ends = {f"p{one}+p{one + 1}": [0 if one == at - 1 else 9] for one in (at - 1, at) if 0 < one < count}

@@ -35,7 +35,7 @@ def test_a_complete_basis_lacks_nothing(method: Any) -> None:
     found = fs.self_excitation(FULL, reduced(method, 10), BELT)
     assert len(found.growing) == 8 and not len(found.missing) and not len(found.spurious)
     assert all(abs(getattr(found, name)) < 1e-11 for name in CRITERIA)
-    assert found.verdict.startswith("the same motions are to be expected: all 8 growing modes are there, growth rates within")
+    assert found.verdict.startswith("the same motions are expected: all 8 growing modes are there, growth rates within")
     assert np.abs(found.mac - 1).max() < 1e-10 and found.band is None
 
 
@@ -44,7 +44,7 @@ def test_the_papers_models_of_five_dof_lack_half_of_what_grows() -> None:
         found = fs.self_excitation(FULL, reduced(method, 5), BELT)
         assert found.missing.imag == pytest.approx([1.6510, 1.8008, 1.9060, 1.9742], abs=1e-3)
         assert found.missing_share == 0.5 and not len(found.spurious) and found.spurious_share == 0
-        assert found.verdict.startswith("other motions are to be expected: 4 of 8 growing modes are missing (ω = 1.651, 1.801, ")
+        assert found.verdict.startswith("other motions are expected: 4 of 8 growing modes are missing (ω = 1.651, 1.801, ")
 
 
 def test_a_residual_shape_that_grows_is_spurious_and_no_mode_of_the_full_model() -> None:

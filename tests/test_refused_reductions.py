@@ -68,7 +68,7 @@ def test_a_tolerance_is_for_methods_with_an_estimate(key: str) -> None:
     if key not in UNESTIMATED:
         assert METHODS[key](band=BAND, tol=1e-3).tol == 1e-3
         return
-    with pytest.raises(fs.InputError, match=f"{METHODS[key].__name__} takes a number of modes only.*no estimate can be had"):
+    with pytest.raises(fs.InputError, match=f"{METHODS[key].__name__} takes a number of modes only.*no estimate is possible"):
         METHODS[key](band=BAND, tol=1e-3)
 
 

@@ -84,7 +84,7 @@ def test_never_lost_and_unstable_from_the_begin_look_the_same_by_all_solvers() -
         never = fs.critical_value(chain, belt, "slope", between=(0.0, -0.01), band=(0.0, 2.1), solver=solver)
         assert never.value == -np.inf and not never.losses and "never lost" in repr(never)
         begin = fs.critical_value(unstable, belt, "slope", between=(0.0, -0.01), band=(0.0, 2.1), solver=solver)
-        assert begin.value == 0.0 and begin.growing == 20 and begin.fastest.real > 0 and "grow from the begin" in repr(begin)
+        assert begin.value == 0.0 and begin.growing == 20 and begin.fastest.real > 0 and "grow from the start" in repr(begin)
 
 
 @pytest.fixture
@@ -248,7 +248,7 @@ def test_where_a_growing_mode_comes_into_the_band_is_told() -> None:
     family, between, _ = through(12, begins=0.2)
     found = fs.critical_value(family, None, "p", between=between, band=(0.09, 0.12), solver="followed")
     assert not found.losses and not found.open and found.evidence == "certified"
-    assert found.value == pytest.approx((0.03 - 0.12**2) / 0.05, rel=1e-4) and "comes into the band" in repr(found)
+    assert found.value == pytest.approx((0.03 - 0.12**2) / 0.05, rel=1e-4) and "enters the band" in repr(found)
 
 
 @pytest.mark.usefixtures("unproved")

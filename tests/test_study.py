@@ -291,9 +291,9 @@ def test_a_model_that_is_good_free_may_be_bad_held() -> None:
 @pytest.mark.parametrize(("held", "words"), [
     (np.nan, "the interface is free, as in this run. A held interface was not compared."),
     (1e-4, "as in this run, or held at rest. Held at rest, this model has frequencies that are off by 1.0e-04."),
-    (np.inf, "Held at rest, this model lacks a mode of the band; there no model of this run will do."),
+    (np.inf, "Held at rest, this model lacks a mode of the band; there no model of this run is accurate enough."),
     (8e-2, "off by 8.0e-02; there take Craig-Bampton with 9 modes (20 DOF), which is off by 1.0e-05."),
-    (9e-2, "off by 9.0e-02; there no model of this run will do.")])
+    (9e-2, "off by 9.0e-02; there no model of this run is accurate enough.")])
 def test_the_verdict_names_its_condition_and_the_figure_for_a_held_interface(held: float, words: str) -> None:
     time = Timing(1.0, 0.99, 1.01)
     small = Row("craig-chang", 4, 5, 1e-6, 1e-6, 1e-6, 0, -1.0, 0.0, time, time, 0.0, stable=True, error_held=held)
@@ -383,7 +383,7 @@ def test_a_recommendation_says_what_is_slower_and_what_is_not_to_be_trusted() ->
 
     assert "4 times faster than the full model; the forces in the joints are within 5 %" in words(0.25, 0.05)
     assert "4 times slower than the full model; the forces in the joints are not to be trusted" in words(4.0, 0.4)
-    assert "Rubin with 3 modes in disc, 2 in pad (10 DOF in all) comes nearest" in words(1.0, 0.0, 1e-6)
+    assert "Rubin with 3 modes in disc, 2 in pad (10 DOF in total) comes nearest" in words(1.0, 0.0, 1e-6)
 
 
 def test_reasons_that_are_the_same_are_told_once() -> None:

@@ -52,6 +52,13 @@ def by_fine_steps(model: fs.Affine, steps: int) -> tuple[np.ndarray, np.ndarray]
     return start, here
 
 
+def test_a_line_of_text_counts_the_meetings() -> None:
+    """ω² = 1 + s crosses 1.2 and 3, which do not act on it."""
+    three = fs.Affine(np.eye(3), None, [(1.0, np.diag([1.0, 1.2, 3.0])), ("s", np.diag([1.0, 0.0, 0.0]))])
+    assert "; 2 crossings; " in repr(fs.track(three, None, "s", np.linspace(0.0, 4.0, 11)))
+    assert "; 1 crossing; " in repr(fs.track(three, None, "s", np.linspace(0.0, 1.0, 11)))
+
+
 @pytest.mark.parametrize("values", [np.linspace(0, 1.5, 7), [0.0, 1.0], np.linspace(0, 1, 6)])
 def test_two_modes_coalesce_at_three_quarters(values: np.ndarray) -> None:
     found = fs.track(two_mode(), None, "mu", values)

@@ -25,9 +25,9 @@ OPTIONS = {
     "full_dofs": ("FILE", "the file of the full model's DOF map"),
     "full_interface": ("LIST", "the interface as DOF of the full model, in the order of the reduced one: from 0, or by the map "
                        "as '12:uz' or '12:*'"),
-    "cutoff": ("NUMBER", "the frequency below which all modes are said to be kept [rad/time]"),
+    "cutoff": ("NUMBER", "the cut-off: all modes below it are kept, as the author states [rad/time]"),
     "mass": ("NUMBER", "the mass that the part should have"),
-    "floating": ("yes|no", "whether the part hangs on nothing"),
+    "floating": ("yes|no", "whether the part is unsupported (floats)"),
     "units": ("SI|mm-t-s", "the units of all numbers"),
 }
 

@@ -50,12 +50,12 @@ def _parser() -> argparse.ArgumentParser:
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
     audit_command.add_arguments(checked)
     _output(checked, "write results.json, CSV files and a figure there")
-    explained = commands.add_parser("keys", help="list what may stand in a scene file, or every key of one kind: femsub keys "
+    explained = commands.add_parser("keys", help="list the kinds of a scene file, or every key of one kind: femsub keys "
                                     "critical")
     explained.add_argument("kind", nargs="?", default="", help="a kind, such as solid, belt or compare; or material, parameter, "
                            "reduce, scene")
-    _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or the whole file that one of your own "
-                                        "stands for: femsub new beam > my.toml"), SCENE_NAME, files=True)
+    _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or a file of your own in full: "
+                                        "femsub new beam > my.toml"), SCENE_NAME, files=True)
     commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
     completion = commands.add_parser("completion", help="print the completion script of a shell: "
                                      "femsub completion bash > ~/.local/share/bash-completion/completions/femsub")
@@ -239,7 +239,7 @@ def _run(options: argparse.Namespace, loaded: Callable[[], Scene], trusted: Sequ
     for output, reason in result.data.get("failed", {}).items():
         _fail(f"{output} failed: {reason}", 1)
     if not result.data.get("complete", True):
-        return _fail("interrupted; the results are what there was by then, marked as incomplete", INTERRUPTED)
+        return _fail("interrupted; the results so far are marked as incomplete", INTERRUPTED)
     wrong = options.command == "audit" and result.data["audit"]["verdict"] == "fault"
     return 1 if wrong or "failed" in result.data else 0
 

@@ -196,7 +196,7 @@ def schema() -> dict[str, Any]:
     return {"$schema": DIALECT, "title": "femsub scene file", "type": "object", "minProperties": 1, "properties": properties,
             "additionalProperties": False, "if": {"required": ["use"]}, "else": {"properties": strict},
             "anyOf": [{"required": ["scene"]}, {"properties": whole}],
-            "description": "What there is, and what is asked. `femsub keys` explains the tables and their keys."}
+            "description": "A model, and the analyses to run. `femsub keys` explains the tables and their keys."}
 
 
 def _table(kind: Any) -> dict[str, Any]:

@@ -61,7 +61,7 @@ class Expression:
             if not good:
                 found = "^ (write ** for powers)" if isinstance(node, ast.BitXor) else \
                     ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
-                raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} may stand there")
+                raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} are allowed there")
 
     @cached_property
     def _tree(self) -> ast.expr:

@@ -60,7 +60,7 @@ class UnitKeys:
     """Units by their names."""
 
     length: str = key("", "as 'mm'", required=True, example="mm")
-    time: str = key("", "as 's'; with it Hz stands beside rad/s", required=True, example="s")
+    time: str = key("", "as 's'; with it Hz is shown beside rad/s", required=True, example="s")
     mass: str = key("", "as 't'", required=True, example="t")
     force: str = key("", "as 'N'", otherwise="'N' where it follows from the others, else in words")
 
@@ -71,7 +71,7 @@ class Settings:
 
     name: str = key("", "for headings and file names", otherwise="the scene's name, or that of the file")
     units: str | UnitKeys = key("", "the units of all numbers: 'SI' (m, kg, s, N), 'mm-t-s' (mm, t, s, N), or {length = \"mm\", "
-                                "mass = \"t\", time = \"s\"}; where the time is in s, Hz stands beside rad/s; nothing is "
+                                "mass = \"t\", time = \"s\"}; where the time is in s, Hz is shown beside rad/s; nothing is "
                                 "converted",
                                 choices=lambda _: SYSTEMS, otherwise="no unit is claimed", example="SI")
     band: list[float] = key([], "the frequencies that matter, in which models are compared", unit="rad/time", least=0,
@@ -169,16 +169,16 @@ class SceneSource(NamedTuple):
 
 
 class Scene:
-    """A scene: its models and its asks, as a file says them. `Scene.from_file(path)` reads one.
+    """A scene: its models and its asks, as in a file. `Scene.from_file(path)` reads one.
 
     Attributes
     ----------
     parts, joints, contacts, materials, parameters : dict
-        What there is, by names.
+        The model, by names.
     reduce : ReduceKeys
         How it is reduced.
     asks : list
-        What is asked.
+        The analyses.
     models : Models
         The full and the reduced models, made when they are first asked for.
 

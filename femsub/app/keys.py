@@ -52,7 +52,7 @@ class Key:
     form : str
         Of a list of fixed length: '[x, y]'; of a range: '[lo, hi]' or '[from, to]', whose order is checked.
     distinct : bool
-        No value of a list may stand there twice.
+        No value of a list may occur twice.
     otherwise : str
         What holds where the key is left out and its default says nothing.
     example : object
@@ -62,7 +62,7 @@ class Key:
     required_with : str
         It must be there if this other key is.
     file : bool
-        It names a file, relative to the scene file; its hash stands in results.json.
+        It names a file, relative to the scene file; its hash is in results.json.
     type, default : object
         Those of the field, known once a class has it.
     """

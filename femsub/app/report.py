@@ -117,9 +117,9 @@ def results(result: Result, units: Units = UNKNOWN) -> dict[str, Any]:
         tables[name] = {"title": units.said(one.title), "columns": [
             {"key": at.key, "head": units.said(at.head), "unit": units.said(at.unit), "meaning": at.meaning, "role": at.role}
             for at in replace(one, rows=rows, only=()).every], **({"place": place} if place else {"rows": rows})}
-    undone = [f"What was asked as {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
+    undone = [f"The ask {name} failed: {reason}." for name, reason in result.data.get("failed", {}).items()]
     if not result.data.get("complete", True):
-        undone.append("The run was interrupted. What came after is missing.")
+        undone.append("The run was interrupted. Later asks are missing.")
     charts = [units.with_hertz(chart.plain(units.known)) for chart in result.charts]
     return {**units.with_hertz(result.data), "tables": tables, "charts": [one for one in charts if one["places"]],
             "verdict": studies.answer([*result.shown, Remark(unchecked=undone)]).said(units.said)}

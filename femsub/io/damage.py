@@ -125,7 +125,7 @@ def assembled(what: str, rows: Array, columns: Array, values: Array, shape: tupl
         row, column = divmod(int(flat[1:][flat[1:] == flat[:-1]][0]), shape[1])
         place = f"row {row + 1}, column {column + 1}" if labels is None else \
             f"node {labels[row][0]}, DOF {labels[row][1]} with node {labels[column][0]}, DOF {labels[column][1]}"
-        raise InputError(f"{what} lists an entry twice: {place}; each may stand once"
+        raise InputError(f"{what} lists an entry twice: {place}; each may occur once"
                          + (", and of a symmetric matrix one triangle only" if partner else ""))
     return matrix
 

@@ -237,7 +237,7 @@ def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -
         for entry in entries:
             name = entry.filename.removesuffix(".npy")
             if name in kinds or name == entry.filename:
-                raise InputError(f"{path} is damaged: {entry.filename!r} stands in it twice, or is no .npy file")
+                raise InputError(f"{path} is damaged: {entry.filename!r} is in it twice, or is no .npy file")
             with archive.open(entry) as file:
                 _, kinds[name], wanted = _array_header(path, entry.filename, file)
             if kinds[name].kind != "O" and wanted != entry.file_size:

@@ -220,7 +220,7 @@ class AddedDamper(_Between):
 
 @dataclass(frozen=True, eq=False)
 class JointChange(Change):
-    """A share a of a joint's springs and dampers more: K + a RᵀkR, D + a RᵀcR with the relative motion R of the joint.
+    """More of a joint's springs and dampers, by a share a: K + a RᵀkR, D + a RᵀcR with the relative motion R of the joint.
 
     With a joint that the system has already, -0.1 takes a tenth of it away. With another one, 1 adds it. Where a change is
     expected, a `Spring` stands for its whole, a = 1.

@@ -96,7 +96,7 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     changes : mapping of str to a change, or a sequence of them, optional
         Parameters that are no fields of contacts, each by what it changes: a constant of a material (`MaterialChange`), a mass,
         a spring or a dashpot (`AddedMass`, ...), a joint (`JointChange`). The value of the parameter is the constant itself,
-        such as E in Pa, or what is added in all. Amounts of the changes do not count. The basis of a reduced model stays.
+        such as E in Pa, or the total that is added. Amounts of the changes do not count. The basis of a reduced model stays.
 
     Returns
     -------

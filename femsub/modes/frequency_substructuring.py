@@ -51,8 +51,8 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
     Returns
     -------
     FrequencyResponse
-        Its names begin with the part's, 'disc.rim'. `bound` is taken along with the second-order term of the errors, and has the
-        rounding of the joining in it. It is 'certified' if all parts are computed and no bound exceeds `tol`. `scatter`,
+        Its names begin with the part's, 'disc.rim'. `bound` is carried along with the second-order term of the errors, and
+        includes the rounding of the joining. It is 'certified' if all parts are computed and no bound exceeds `tol`. `scatter`,
         `ellipses` and `covariance` are the first-order effect of the noise of all parts, which are independent of each other.
         `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖², with scaled joints.
 

@@ -459,7 +459,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
         worst = float(rounding.max())
         warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative {worst:.0e}: its "
              f"energy is {handle.unit / worst:.0e} of that of the forces that cancel in it. "
-             + ("Make pieces that hang together softly the parts of a system (couple, Spring), use larger elements, or stiffer "
+             + ("Make softly connected pieces the parts of a system (couple, Spring), use larger elements, or stiffer "
                 "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
              ConditionWarning)

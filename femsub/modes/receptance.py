@@ -69,8 +69,8 @@ class FrequencyResponse(Frozen, Displayed):
     receptance : ndarray, shape (nf, nr, nl)
         h, complex: displacement over force.
     bound : ndarray, shape (nf, nr, nl)
-        No entry of `receptance` is further off from that of the model: by rounding and the residual where it was solved
-        directly, by what the modes leave out elsewhere. inf where nothing is known.
+        Bound of the error of each entry of `receptance`, against the model: from rounding and the residual where it was solved
+        directly, from what the modes leave out elsewhere. inf where nothing is known.
     residual : ndarray, shape (nf,)
         The largest over the loads: of a direct solution the backward error ‖F - Px‖ / ((ω²‖M‖ + ω‖D‖ + ‖K‖) ‖x‖), of a modal
         one ‖F - Px‖ / ‖x‖ in the norms of energy.

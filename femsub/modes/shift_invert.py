@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
-IN_PARTS = ("Make pieces that hang together softly the parts of a system (couple, Spring), which knows their rigid motion, or "
+IN_PARTS = ("Make softly connected pieces the parts of a system (couple, Spring), which knows their rigid motion, or "
             "support each piece. Likely causes are also elements too thin or too small for a slender part")
 NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no rigid motion. Likely causes: a mount so soft "
                 f"that it is rounding beside the parts' stiffness, or {BY_MULTIPLIERS}")

@@ -227,7 +227,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         Ports to record besides those of the contacts.
     step, samples, record_from
         The grid: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1. Default:
-        16 points per period of the highest mode, at most 200,000 in all; 2,000 for a sparse model.
+        16 points per period of the highest mode, at most 200,000 in total; 2,000 for a sparse model.
     record : str
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float

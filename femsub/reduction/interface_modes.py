@@ -38,9 +38,9 @@ class InterfaceModes(Method):
 
     in the order (i, b). All n_i interior coordinates stay. The interface keeps m of its n_b.
 
-    The interface is every interface DOF of the parts: those that are joined, each once, and those that are open. Of
-    Craig-Bampton parts it has no stiffness in common with the modes (S = 0). Of parts with free modes (Rubin, Craig-Chang) it
-    has. There the modes of K_bb and M_bb alone would be those of the residual flexibility, and useless. Where the interface is
+    The interface is every interface DOF of the parts: those that are joined, each once, and those that are open. For
+    Craig-Bampton parts it shares no stiffness with the modes (S = 0). For parts with free modes (Rubin, Craig-Chang) it
+    does. There the modes of K_bb and M_bb alone would be those of the residual flexibility, and useless. Where the interface is
     spread over generalised coordinates, these are turned first, so that some of them are the interface.
 
     The result's ``.expand(q)`` gives the coordinates of the system, and ``system.expand(small.expand(q))`` the displacements

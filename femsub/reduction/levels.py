@@ -38,7 +38,7 @@ Recipe: TypeAlias = Callable[[], Substructure]
 UNFINISHED = ".unfinished"  # ending of a folder that is being written
 MODEL, TASK = "model", "task"  # in the folder of a task
 JOINED = "+"  # in the names of sets that parts share, as 'p1+p2'
-ADVICE = "Call reduce_by_levels again with the same arguments: it goes on with what is done"
+ADVICE = "Call reduce_by_levels again with the same arguments: it continues from the finished parts"
 ROOM = f"Make room there. {ADVICE}. Or name another folder"
 FORM = 3  # of the folders; those of another form are made anew
 
@@ -126,7 +126,7 @@ class Levels:
 
     def __repr__(self) -> str:
         sizes = [task.size for task in self.tasks.values() if not task.below]
-        return (f"Levels: {len(sizes)} parts of {sum(sizes)} DOF in all, joined in {self.levels} levels to {self.model.size} "
+        return (f"Levels: {len(sizes)} parts of {sum(sizes)} DOF in total, joined in {self.levels} levels to {self.model.size} "
                 f"coordinates; the most memory of a process {self.memory / 1e9:.2g} GB")
 
     @property
@@ -185,12 +185,12 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
                      executor: Executor | None = None) -> Levels:
     """Reduce a model that no process can hold: each part in a worker, then pair by pair, as `couple` and `reduce` would.
 
-    Level 0 reduces each part to its interface and its fixed-interface modes. Each further level joins two and two of what is
-    there:
+    Level 0 reduces each part to its interface and its fixed-interface modes. Each further level joins the results in
+    pairs:
 
         (M, K)_ab = Lᵀ diag(M_a, M_b) L, Lᵀ diag(K_a, K_b) L;   what a and b alone share is interior now: V = [[I, 0], [Ψ, Φ]].
 
-    So each joint is reduced where it closes, with all else held, and the interface as a whole never stands in one matrix. The
+    So each joint is reduced where it closes, with all else held, and the interface as a whole is never in one matrix. The
     last two are joined to the model. This is automated multi-level substructuring with parts in place of a matrix's ordering.
 
     Interface sets with a '+' in their name, as 'p1+p2', are joined with those of the same name, DOF by DOF where they meet. Such
@@ -205,8 +205,8 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
         The same at all levels. ``CraigBampton(cutoff=...)`` keeps all modes below a frequency in radians per unit of time: take
         some 5 to 10 times the highest of interest.
     folder : str or Path
-        For the result of each step. What is there of an earlier run with the same parts and method is taken; the rest is made.
-        Each file is compared with its hash first. A warning names one that is damaged, and its step is made anew.
+        For the result of each step. Results of an earlier run with the same parts and method are reused; the rest is computed.
+        Each file is compared with its hash first. A warning names one that is damaged, and its step is repeated.
         A function is known by its name and arguments: delete the folder if you change its code. The processes of an executor must
         see it. It is read by pickle: name no folder of somebody you do not trust.
     workers, executor
@@ -228,7 +228,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
 
     Notes
     -----
-    A joint of n_b DOF makes dense matrices of some 2 n_b rows, so that parts in a row or with small joints are what this is for.
+    A joint of n_b DOF makes dense matrices of some 2 n_b rows, so this suits parts in a row, or with small joints.
 
     References
     ----------

@@ -101,7 +101,7 @@ class Method(ABC):
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     takes_cutoff: ClassVar[bool] = True  #: whether all modes below a frequency can be asked for
-    unestimated: ClassVar[str] = ""  #: why no estimate can be had for a band and a tolerance, where that is so
+    unestimated: ClassVar[str] = ""  #: why no estimate is possible for a band and a tolerance, where that is so
 
     def __init_subclass__(cls) -> None:
         if "held" in vars(cls) and "mode_kind" not in vars(cls):
@@ -138,8 +138,8 @@ class Method(ABC):
             lacking = "band=(lo, hi), in rad per unit of time," if self.band is None else "tol=1e-3, the relative error allowed,"
             raise InputError(f"{name}: {lacking} is missing; band and tol go together")
         if self.unestimated:
-            raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate can be had for a tolerance, since "
-                             f"{self.unestimated}")
+            raise InputError(f"{name} takes a number of modes only, e.g. modes=20: no estimate is possible for a tolerance, "
+                             f"since {self.unestimated}")
         object.__setattr__(self, "band", Goal(self.band, self.tol).band)
 
     def __str__(self) -> str:

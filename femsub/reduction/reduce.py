@@ -74,7 +74,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     Structural damping is carried along as VᵀHV. The estimate is that of the model without it.
 
     Of a system, band and tolerance are the system's. All parts that have one have the same, and are reduced by `CraigBampton`
-    or `Hurty`. The modes of each part are then chosen so that the system is within `tol`, with few modes in all, and with all
+    or `Hurty`. The modes of each part are then chosen so that the system is within `tol`, with few modes in total, and with all
     modes of the parts up to hi.
 
     Parameters
@@ -84,7 +84,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     method : CraigBampton, CraigChang or another `Method`
         With its number of modes, or with a band and a tolerance. Of a system it may be a mapping, {'disc': CraigBampton(20)}:
         these parts are reduced, each by its own method, and joined again; the other parts stay. Equal parts with equal methods
-        are reduced once. A model that a part was reduced to before may stand in place of the method. A `ParameterBox` makes one
+        are reduced once. An earlier reduced model of a part may replace the method. A `ParameterBox` makes one
         small model for all values of parameters of an `Affine`, or of a model with `contacts`.
     ports : bool or sequence of str
         True, or the names of ports: adds the static responses to these ports to the basis.
@@ -118,7 +118,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
         The reduction needs more memory than is free.
     WorkerError
         A worker process died or ran out of memory. ``.part`` names its part, ``.done`` holds the other parts' models:
-        ``reduce(system, methods | error.done)`` goes on from there.
+        ``reduce(system, methods | error.done)`` continues from there.
 
     Notes
     -----

@@ -394,9 +394,9 @@ class WhatHelps(Displayed):
 def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str, Any] | Sequence[Any], target: float = 0.0, *,
                band: tuple[float, float] | None = None, full: Substructure | None = None, first: int = 1,
                at_once: int = 100) -> WhatHelps:
-    """Order candidates by the growth that is left when the changed model is solved anew: max Re λ in the band.
+    """Order candidates by the remaining growth of the changed model: max Re λ in the band.
 
-    The slope alone misleads where modes meet or another mode begins to grow, so it is only printed beside.
+    The slope alone misleads where modes meet or another mode begins to grow, so it is only printed beside it.
 
     Parameters
     ----------

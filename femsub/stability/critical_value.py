@@ -53,9 +53,9 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
     parameter : str
         A field of one of the contacts, such as 'mu' or 'speed'. It changes in all contacts that have it. Or a parameter of an
         `Affine`; give values to the others before, ``affine.fixed(speed=5.0)``.
-    between : (begin, end)
-        The range searched. It may fall, (0.0, -0.5): losses are then met on the way down. For a port's root it may be without
-        end, (0.0, -inf).
+    between : (start, end)
+        The range searched. It may descend, (0.0, -0.5): losses are then sought on the way down. For a port's root it may be
+        infinite, (0.0, -inf).
     band : (lo, hi), optional
         Only crossings with lo ≤ ω ≤ hi count, in radians per unit of time. Default: all, for a reduced model those up to its
         cut-off. Divergence (ω = 0) counts if the band begins at 0. Needed for a model of more than 300 DOF.
@@ -190,8 +190,8 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
                 band: tuple[float, float] | None) -> LossQuestion:
     """The question, checked."""
     # different, and the end may be infinite
-    if isinstance(between, set) or len(pair := items("between", between, "two numbers (begin, end)")) != 2:
-        raise InputTypeError(f"between must be a pair (begin, end), not {shown(between)}")
+    if isinstance(between, set) or len(pair := items("between", between, "two numbers (start, end)")) != 2:
+        raise InputTypeError(f"between must be a pair (start, end), not {shown(between)}")
     begin = finite_number("between", pair[0])
     end = float(pair[1]) if isinstance(pair[1], float) and np.isinf(pair[1]) else float(finite_number("between", pair[1]))
     if begin == end:

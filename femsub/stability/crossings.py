@@ -48,7 +48,7 @@ class Crossing:
         K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds it, or two undamped modes
         coalesce.
     growth : (float, float)
-        Re λ of this mode a little before and beyond the value, on the way from the begin of the range to its end.
+        Re λ of this mode a little before and beyond the value, on the way from the start of the range to its end.
     """
 
     value: float

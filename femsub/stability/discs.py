@@ -37,7 +37,7 @@ class Discs:
         if question.model.size > LARGEST:
             return f"discs take models of up to {LARGEST} DOF, but this one has {question.model.size}"
         if question.floats and question.band[0] > 0:
-            return "discs take no model that floats. Hold it, or leave the solver open: then it is followed over the range"
+            return "discs do not accept a model that floats. Hold it, or leave the solver open: the range is then followed"
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: LossQuestion) -> CriticalValue:

@@ -82,7 +82,8 @@ EXPECTED = 0.05  # of the range: how far from where it is expected, by a smaller
 class Followed:
     """Crossings of a small model on modes of the full one, refined on the full one and counted.
 
-    With `first`, the range ends at the first of the values beyond its begin at which more modes grow, or some did at its begin.
+    With `first`, the range ends at the first of the values beyond its start at which more modes grow, or at its start
+    if some grow there.
     The loss may be known to be `near` a value, by a smaller model: then the range up to there is solved at its ends alone.
     Newton's method takes at most `steps` steps, each with a factorisation, and so many small models are made, each from the
     crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many

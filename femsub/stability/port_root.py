@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)
 
 
 class Fed(NamedTuple):
-    """A pencil at the begin of the range, and how the parameter feeds the columns W (n, k): D + s (p - begin) W Wᵀ."""
+    """A pencil at the start of the range, and how the parameter feeds the columns W (n, k): D + s (p - begin) W Wᵀ."""
 
     pencil: Pencil
     W: Array
@@ -102,7 +102,7 @@ class PortRoot:
 def port_fed(question: LossQuestion) -> Fed | None:
     """How the parameter feeds a port by a term s p W Wᵀ in D, compared at two values.
 
-    None if it does anything else, or if its contact refuses the begin or a value beyond.
+    None if it does anything else, or if its contact refuses the start or a value beyond.
     """
     model, over, (begin, end) = question.model, question.over, question.between
     share, beside = over.shares[0], min(begin + 1.0, end)
@@ -136,7 +136,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
           small: int = 5000, most: int = 12) -> str:
     """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
 
-    `pencil` is that of the model under contacts at the begin, and `border` gives the border of a model with them. Two frequencies
+    `pencil` is that of the model under contacts at the start, and `border` gives the border of a model with them. Two frequencies
     are neighbours if they differ by less than a share `close`, and one of them may be outside the band. A relative change is
     reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above `small` DOF at `most`
     so many modes: each takes two solves with its factor, and two coordinates of another border.

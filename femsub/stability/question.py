@@ -50,32 +50,32 @@ class LossQuestion:
 class CriticalValue(Displayed):
     """The values of a parameter at which stability is lost, made by `critical_value`; ``float(...)`` gives the first.
 
-    "First" and "beyond" are meant on the way from the begin of the range to its end, which may be below it.
+    "First" and "beyond" follow the search from the start of the range to its end, which may be below it.
 
     Attributes
     ----------
     parameter : str
     value : float
-        The first loss. The begin of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
-        that falls. If it is first lost in an open interval, at a place that is not known, the begin of what is left of it. If
-        the model was followed, and a mode that grows comes into the band, having lost its stability outside: where it comes in.
+        The first loss. The start of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
+        that falls. If it is first lost in an open interval, at a place that is not known, the start of what is left of it. If
+        the model was followed, and a growing mode enters the band: the value where it enters.
     losses, regains : tuple of Crossing
-        Where modes begin and cease to grow, in the order of the way. A loss at either end of the range belongs to it: at the
-        begin the mode grows beyond it, at the end it would beyond. A regain at the end belongs to it as well. At the begin there
-        is none, since nothing has grown in the range before. So losses less regains, a pair counting twice, are the growing
-        eigenvalues just beyond the end less those at the begin. The port's root finds the first loss only.
-    searched : (begin, end)
+        Where modes begin and cease to grow, in the order of the search. A loss at either end of the range counts: the mode
+        grows, or would grow, just beyond. A regain at the end counts as well, but none at the start. So losses less regains, a
+        pair counting twice, are the growing eigenvalues just beyond the end less those at the start. The port's root finds the
+        first loss only.
+    searched : (start, end)
         The range of the parameter.
     band : (lo, hi)
         The band in which crossings count; for a reduced model it ends at the cut-off.
     growing : int
-        Number of eigenvalues in the band that grow at the begin of the range (a pair counts twice).
+        Number of eigenvalues in the band that grow at the start of the range (a pair counts twice).
     fastest : complex
-        Of these the one of largest growth; NaN if none grows.
+        The one of largest growth among them; NaN if none grows.
     open : tuple of (float, float)
         Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
         touch it, because rounding hides which grow, or because the effort ends. A window is open as well if the modes found to
-        cross do not make up the change of the number of growing eigenvalues. Of crossings in a wide interval only those are
+        cross do not account for the change in the number of growing eigenvalues. Of crossings in a wide interval only those are
         listed that could be verified.
     tally : Tally
         The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
@@ -193,12 +193,12 @@ class CriticalValue(Displayed):
         where = f"{' and '.join(counts)} from {self.searched[0]:g} to {self.searched[1]:g}{until(self.cutoff)}; {self.evidence}"
         where += f", {len(self.open)} intervals open" if self.open else ""
         if self.growing:
-            what = f": {self.growing} eigenvalues grow from the begin on;"
+            what = f": {self.growing} eigenvalues grow from the start;"
         elif not np.isfinite(self.value):
             what = ": stability is never lost;"
         elif not self.first:
             what = f": lost beyond {self.value:.9g}, at a place not known;" if self.open else \
-                f": a growing mode comes into the band at {self.value:.9g};"
+                f": a growing mode enters the band at {self.value:.9g};"
         else:
             one, more = self.first[0], len(self.first) - 1
             what = f" = {shown_value(one.value, one.width)} ({one.place}{f', {more} more cross with it' if more else ''}) of"

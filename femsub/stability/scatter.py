@@ -102,7 +102,7 @@ class Scatter(Displayed):
     probability : float
         The share of the samples at which a mode certainly grows.
     interval : (float, float)
-        [P(surely unstable), P(surely unstable) + P(undecided)], widened by the confidence of sampling.
+        [P(surely unstable), P(surely unstable) + P(undecided)], widened by the sampling error.
     undecided : float
         The share of the samples with verdict 0.
     outside : float
@@ -114,7 +114,7 @@ class Scatter(Displayed):
     deviation : float
         The standard deviation of `probability`, from the replicates of the points.
     replicates : int
-        Sobol sequences, each scrambled by itself, of equal length.
+        Sobol sequences of equal length, each scrambled independently.
     band : (lo, hi)
     solved : int
         Decompositions and eigenproblems that were computed.

@@ -123,8 +123,8 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
 
     At each point of a grid all eigenvalues of a model of up to 300 DOF are computed at once, of a larger one those in the band. A
     border is found on an edge of the grid between two points at which the numbers differ, or the modes that grow do, as a root of
-    the margin. A cell is halved where margins bend so much that a mode may cross within: so are found folds, and islands that
-    miss all points of the grid.
+    the margin. A cell is halved where margins bend so much that a mode may cross within. This finds folds, and islands
+    that contain no grid point.
 
     Parameters
     ----------

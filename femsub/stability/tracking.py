@@ -119,7 +119,8 @@ class Tracked(Displayed):
 
     def __repr__(self) -> str:
         kinds = [meeting.kind for meeting in self.meetings]
-        shown = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds)) or "no meetings"
+        counts = {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)}
+        shown = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items()) or "no meetings"
         grow = int(self.growing.any(axis=0).sum())
         return (f"Tracked: {self.eigenvalues.shape[1]} branches over {self.parameter} from {self.values[0]:g} to "
                 f"{self.values[-1]:g}, {len(self.values)} values computed, {int(self.asked.sum())} asked for; {shown}; "
@@ -174,7 +175,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small one. Else each
     value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are halved to
     1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again between two
-    values, without a trace in slopes and vectors at either, are not seen; `critical_value` excludes that. Nor is a mode that
+    values, without a trace in slopes and vectors at either, are missed; `critical_value` excludes that. Nor is a mode that
     crosses the whole band between two values, and is in it at none.
 
     References

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
 
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
+NONE_FOUND = "no fault found"  # the verdict without the full model, which alone shows what is missing
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -36,7 +37,7 @@ class Audit(Displayed):
     omega : ndarray, shape (k,)
         Elastic frequencies of the reduced model in radians per unit of time.
     lower : ndarray, shape (k,)
-        Those of the full model: themselves, or without it what they cannot lie below. NaN where nothing is known.
+        Frequencies of the full model; without it, lower bounds of them. NaN where nothing is known.
     cutoff : float
         The frequency of the first mode that is left out, as counted, or as stated. NaN where it is not known.
     tally : Tally
@@ -71,8 +72,8 @@ class Audit(Displayed):
 
     @property
     def verdict(self) -> str:
-        """'fault' if there is one, else 'good'. What is unknown is listed beside it."""
-        return FAULT if self.faults else GOOD
+        """'fault' if there is one. If not: 'good' against the full model, 'no fault found' without it."""
+        return FAULT if self.faults else GOOD if self.full_size else NONE_FOUND
 
     @property
     def error(self) -> Array:
@@ -97,8 +98,17 @@ class Audit(Displayed):
 
     def __repr__(self) -> str:
         up_to = "" if np.isnan(self.trusted) else f", trusted up to {self.trusted:.4g} rad/time"
-        return (f"Audit of {self.name!r}: {self.verdict}, {len(self.findings)} checks, {len(self.faults)} "
-                f"fault{'s' * (len(self.faults) != 1)}, {len(self.unknown)} unknown{up_to}, {self.evidence}")
+        if self.verdict == NONE_FOUND:
+            counts = f"; {self._left}, {len(self.findings)} checks"
+        else:
+            counts = (f", {len(self.findings)} checks, {len(self.faults)} fault{'s' * (len(self.faults) != 1)}, "
+                      f"{len(self.unknown)} unknown")
+        return f"Audit of {self.name!r}: {self.verdict}{counts}{up_to}, {self.evidence}"
+
+    @property
+    def _left(self) -> str:
+        """How many things the small matrices alone do not show."""
+        return f"{len(self.unknown)} thing{'s' * (len(self.unknown) != 1)} cannot be known"
 
     @property
     def answer(self) -> Verdict:
@@ -108,6 +118,9 @@ class Audit(Displayed):
         if self.faults:
             names = "; ".join(dict.fromkeys(one.what for one in self.faults))
             headline = f"{len(self.faults)} of {count} checks of {of_what}, {against}, found a fault: {names}."
+        elif not self.full_size:
+            names = "; ".join(dict.fromkeys(one.what for one in self.unknown)) or "none of its checks needs it"
+            headline = f"{self._left} of {of_what} without the full model: {names}."
         else:
             headline = f"{count - len(self.unknown)} checks of {of_what}, {against}, found no fault" + (
                 f"; {len(self.unknown)} could not be decided." if self.unknown else ".")
@@ -123,7 +136,7 @@ class Audit(Displayed):
         if np.isnan(self.trusted):
             trust = "Which frequencies may be trusted is not known without the full model" + (
                 "." if np.isnan(self.cutoff) else f". None above the cut-off, {self.cutoff:.6g} rad/time.")
-        answer = "no" if self.faults else "yes" if self.full_size else "in part"
+        answer = "no" if self.faults else "yes" if self.full_size else NONE_FOUND
         return Verdict([*decides, trust, *unknown], (), answer, headline, "Is the reduced model what it should be?")
 
     def tables(self) -> list[Table]:
@@ -172,7 +185,7 @@ def _word(row: Mapping[str, Any]) -> str:
 
 def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure | None = None, *, mass: float | None = None,
           cutoff: float | None = None, floating: bool | None = None, gyroscopic: bool = False, units: str = "") -> Audit:
-    """Check anybody's reduced model: M, D, K of shape (r, r), by itself or against the full one, (n, n).
+    """Check a reduced model from any source: M, D, K of shape (r, r), by itself or against the full one, (n, n).
 
     By itself it is checked for symmetry, definiteness, modes that are orthonormal, rigid motion without energy, the mass matrix
     of a rigid body, and digits. Against the full model each statement is an equation, a count or a bound:
@@ -180,7 +193,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         M = VᵀMV, K = VᵀKV, D = VᵀDV,   XᵀKX = K_bb - K_bi K_ii⁻¹ K_ib,   XᵀMX = CᵀMC,   ω ≥ ω_full,
 
     X (r, n_b) and C (n, n_b) the static responses to motions of the interface. The modes below the cut-off are counted by the
-    inertia of K - ω²M. V is not needed for the others than the first three.
+    inertia of K - ω²M. Only the first three equations need V.
 
     Parameters
     ----------
@@ -193,9 +206,9 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     mass : float, optional
         The mass that the part should have, to 1 %.
     cutoff : float, optional
-        The frequency below which all modes are said to be kept; by default what the model itself states.
+        The cut-off: all modes below it are kept, as the author states. Default: that of the model itself.
     floating : bool, optional
-        Whether the part hangs on nothing. With the full model that is known.
+        Whether the part is unsupported. With the full model this is known.
     gyroscopic : bool
         Whether the part turns, so that D may be unsymmetric.
     units : str

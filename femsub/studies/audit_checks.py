@@ -633,7 +633,7 @@ CHECKS = (
     Check("M positive", "", partial(negative, "M"), EQUAL,
           "M has a negative eigenvalue, mostly in coordinate {at}: some motion has negative kinetic energy", LOOK.format("mass")),
     Check("K positive", "", partial(negative, "K"), EQUAL,
-          "K has a negative eigenvalue, mostly in coordinate {at}: energy would be won by a deformation",
+          "K has a negative eigenvalue, mostly in coordinate {at}: a deformation would release energy",
           LOOK.format("stiffness")),
     Check("coordinates independent", "", dependent, EQUAL, "", ""),
     Check("D symmetric", "D, damped", gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",

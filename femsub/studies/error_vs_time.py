@@ -72,7 +72,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     values : sequence of float
         Values of the parameter at which complex modes are compared. By default the contacts are as they are given.
     between : (lo, hi)
-        The range of the parameter in which the first loss is looked for; 'slope' of a belt has none.
+        The range of the parameter in which the first loss is sought; 'slope' of a belt has none.
     ports : bool
         Passed to `reduce`: static port columns join each basis; of `ContactModes` those of the contacts' ports.
     repeats : int

@@ -138,13 +138,13 @@ class Row:
 
     @property
     def named(self) -> str:
-        """'Rubin with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in all)', or 'in disc, 2 in pad'."""
+        """'Rubin with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in total)', or 'in disc, 2 in pad'."""
         if not self.parts:
             return f"{self.label} with {_modes(self.modes)} ({self.size} DOF)"
         counts = list(self.parts.values())
         each = f"{_modes(counts[0])} in each part" if len(set(counts)) == 1 else ", ".join(
             f"{count if at else _modes(count)} in {name}" for at, (name, count) in enumerate(self.parts.items()))
-        return f"{self.label} with {each} ({self.size} DOF in all)"
+        return f"{self.label} with {each} ({self.size} DOF in total)"
 
     @property
     def whole(self) -> Timing:
@@ -316,7 +316,7 @@ class Study(Displayed):
                         "the border is nearer than the error")
         if large > small:
             count = int(np.ceil(row.reduction.median / (large - small)))
-            said.append("the reduction pays at once" if count <= 1 else f"the reduction pays from {count} solutions on")
+            said.append("the reduction pays off at once" if count <= 1 else f"the reduction pays off from {count} solutions")
         return said
 
     def brief(self, tol: float = 1e-3) -> str:

@@ -105,11 +105,11 @@ class SelfExcitation:
             word = "mode grows" if len(self.spurious) == 1 else "modes grow"
             found += f", {len(self.spurious)} spurious {word} (ω = {_list(self.spurious)})"
         if self.missing_share > 0.3 or not len(self.growing):
-            expected = "other motions are to be expected"
+            expected = "other motions are expected"
         elif len(self.missing) or len(self.spurious) or max(self.growth_error, self.compliance_mean) > 0.1:
             expected = "the main motion may be the same, but not all coexisting ones"
         else:
-            expected = "the same motions are to be expected"
+            expected = "the same motions are expected"
         return (f"{expected}: {found}, growth rates within {100 * self.growth_error:.2g} %, "
                 f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
 

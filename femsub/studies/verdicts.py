@@ -17,7 +17,8 @@ NEVER = ("All errors are relative to the full model. The run does not show how w
 LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: ask for "
           "motion or cycles.")
 #: answers, as a reader meets them
-ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found"}
+ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found",
+           "nowhere": "Nowhere", "no fault found": "No fault found"}
 OUTSIDE = "Frequencies outside the band were not compared."
 
 
@@ -37,7 +38,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class Verdict(Remark):
-    """'yes', 'no', 'in part', 'open' or 'found'; the answer in a sentence; what decides it; what is not checked."""
+    """A key of `ANSWERS`; the answer in a sentence; what decides it; what is not checked."""
 
     answer: str = "open"
     headline: str = ("This run compares no models by their errors, so it does not decide whether a small model may replace the "
@@ -127,7 +128,9 @@ def study_choice(found: Study, tol: float = 1e-3, where: str = "") -> Advice:
         holds = f"the interface is free, as in this run, or held at rest. {off}."
     else:
         other = found.recommended(tol, held=True)
-        then = "no model of this run will do" if other is None else f"take {other.named}, which is off by {other.error_held:.1e}"
+        then = "no model of this run is accurate enough"
+        if other is not None:
+            then = f"take {other.named}, which is off by {other.error_held:.1e}"
         holds = f"{free} {off}; there {then}."
     # what makes it fit
     error = {"error_growth": "the growth rates in the band are within {} of the rates of damping and friction",
@@ -182,8 +185,8 @@ def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Seq
         end = "open", f"The full model has {len(full)} limit cycles. No small model was compared."
     elif good:
         end = "yes" if len(good) == len(names) else "in part", (
-            f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here will do. "
-            "The same cycles exist and are stable alike.")
+            f"{' and '.join(good)} may replace the full model for its limit cycles {where}, if the errors shown here are "
+            "acceptable. The same cycles exist and are stable alike.")
     else:
         end = "no", f"No small model has all limit cycles of the full model {where} with the same stability."
     sought = "Cycles that begin from no mode of the band were not sought. Motions that are no cycle were not either."

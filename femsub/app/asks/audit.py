@@ -59,10 +59,10 @@ class AuditAsk(Ask):
                                   choices=lambda _: (PARTS, EXAMPLE))
     full: ModelFiles = key(None, "of files: the full model", otherwise="not known", example={"M": "full-M.mtx",
                                                                                              "K": "full-K.mtx"})
-    cutoff: float = key(0.0, "the frequency below which all modes are said to be kept", unit="rad/time", least=0,
+    cutoff: float = key(0.0, "the cut-off: all modes below it are kept, as the author states", unit="rad/time", least=0,
                         otherwise="what the model states")
     mass: float = key(0.0, "the mass that the part should have", unit="mass", least=0, otherwise="not stated")
-    floating: str = key("", "whether the part hangs on nothing", choices=lambda _: ("yes", "no"), otherwise="not stated",
+    floating: str = key("", "whether the part is unsupported (floats)", choices=lambda _: ("yes", "no"), otherwise="not stated",
                         example="yes")
     gyroscopic: bool = key(False, "whether the part turns, so that D may be unsymmetric")
 

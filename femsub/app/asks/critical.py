@@ -81,7 +81,7 @@ class CriticalAsk(Ask):
                                    if row["reason"])
             if any(row["omega"] == 0 for row in rows):
                 shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of "
-                             f"what oscillates give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
+                             f"oscillating modes give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
             shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
             if not (self.by_slope or names):
@@ -147,7 +147,7 @@ class CriticalAsk(Ask):
 
     def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
         """What was found, and what was not excluded."""
-        left = [f"{name}: not excluded are further crossings in "
+        left = [f"{name}: further crossings are not excluded in "
                 f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found
                 in lost.items() if found.open]
         decides = []
@@ -156,8 +156,18 @@ class CriticalAsk(Ask):
             closed = "" if row.get("reference") is None or row["value"] is None else f" Known is {row['reference']:.8g}."
             decides.append(f"Stability is {row['stability']}{at} ({row['evidence']}).{closed}")
         count = sum(row["stability"] == "lost" for row in rows)
-        return [*left, Verdict(decides, ["Values of the parameter outside the range were not searched."], "found",
-                               f"{count} loss{'es' * (count != 1)} of stability over {self.said}.", "Where is stability lost?")]
+        answer, headline = "found", f"{count} loss{'es' * (count != 1)} of stability over {self.said}."
+        kinds = {row["stability"] for row in rows}
+        if not count and "lost at the start" in kinds:
+            headline = f"Modes grow from the start of the range of {self.said}."
+        elif not count and "lost at a place not known" in kinds:
+            headline = f"Stability is lost, at a value of {self.said} that is not known."
+        elif not count:
+            ends = [end for found in lost.values() for end in found.searched]
+            answer = "open" if left else "nowhere"
+            headline = f"{'No loss found' if left else 'Never lost'} between {self.said} = {min(ends):g} and {max(ends):g}."
+        return [*left, Verdict(decides, ["Values of the parameter outside the range were not searched."], answer, headline,
+                               "Where is stability lost?")]
 
 
 def crossed(found: fs.CriticalValue, known: float | None) -> list[dict[str, Any]]:

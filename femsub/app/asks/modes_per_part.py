@@ -34,7 +34,7 @@ class ModesPerPartAsk(Ask):
                  "modes": own.modes, "reduced": own.size} for part, own in kept.items()]
         most = max(kept, key=lambda part: kept[part].modes)
         without = ", ".join(part for part, own in kept.items() if not own.modes)
-        words = (f"recommendation: Craig-Bampton with {sum(own.modes for own in kept.values())} modes in all, {found.size} of "
+        words = (f"recommendation: Craig-Bampton with {sum(own.modes for own in kept.values())} modes in total, {found.size} of "
                  f"{system.size} DOF. {most} needs the most, {kept[most].modes}")
         words += f". Constraint modes are enough for {without}" if without else ""
         columns = ("part", "size", "interface", "modes", column("reduced", "reduced DOF", "d"))

@@ -146,7 +146,7 @@ class MotionAsk(Ask):
     def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6, still: float = 1e-3) -> Result:
         """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
 
-        `faint` and `still` are shares of the belt's speed: the mode's velocity at the begin, and that up to which it is followed.
+        `faint` and `still` are shares of the belt's speed: the mode's velocity at the start, and that up to which it is followed.
         There the model is linear.
         """
         place, rows = self.place(models), list[dict[str, Any]]()

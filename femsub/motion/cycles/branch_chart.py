@@ -80,7 +80,7 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
 
 
 def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> list[Series]:
-    """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its begin, and special points."""
+    """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its start, and special points."""
     rows, name = branch.rows(), look(model).label
     x, y = np.asarray(branch.values, dtype=float), np.array([row[key] for row in rows], dtype=float)
     hover = {parameter: x, **hover_of(rows, HOVER)}

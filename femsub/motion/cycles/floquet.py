@@ -186,7 +186,7 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course, Z: Array
     By default of Φ, with z(T) of z(0) = 0 as its last column, (m, m + 1).
 
     A kick U E_l s_l at t_l reaches s_j = V z(t_j) + ρ_j as V exp(A (t_j - t_l)) U E_l s_l. The s of a block of steps are solved
-    for at once: their matrix is triangular. It is V exp(A t_j) times exp(-A t_l) U E_l, with t from the begin of the block.
+    for at once: their matrix is triangular. It is V exp(A t_j) times exp(-A t_l) U E_l, with t from the start of the block.
     """
     h, values, W = course.h * course.period, flexibility.found.values, flexibility.w
     E = _impulses(contact.tangents(course.v, course.v)[1] * h, W.T @ W)

@@ -58,7 +58,7 @@ class JoinedSpace(Space):
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
         most = QUADRATIC if self.damped else DENSE  # λ of all of them is computed by LAPACK
         if sum(whole.values()) > most:
-            raise InputError(f"no estimate can be had of {system.name!r}: its parts that are not reduced have "
+            raise InputError(f"no estimate is possible for {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
                              f"{most} are allowed. Reduce them, too")
         self.enough = 1.0 if given else ENOUGH
@@ -79,7 +79,7 @@ class JoinedSpace(Space):
         for name, (nested, _) in own.items():
             later = np.arange(rows[name].start + nested.constraint, rows[name].stop)
             if moved[later].any():
-                raise InputError(f"no estimate can be had of {self.system.name!r}: a spring or damper acts on a port inside "
+                raise InputError(f"no estimate is possible for {self.system.name!r}: a spring or damper acts on a port inside "
                                  f"{name!r}. Put that port's DOF into the interface")
             inner = L[later].indices  # one each: no joint reaches them
             modes.append(inner[:nested.modes])
@@ -127,7 +127,7 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
         ports, sets = contact.ports, tuple(getattr(contact, "sets", ()))
         owner, *more = {name.partition(".")[0] for name in (*ports, *sets)}
         if more or system.linearised(contact, structural=True).K is not system.pencil.K:
-            raise InputError(f"no estimate can be had of {system.name!r} under {contact!r}: it takes contacts that add to D "
+            raise InputError(f"no estimate is possible for {system.name!r} under {contact!r}: it takes contacts that add to D "
                              "alone, each on one part, such as belts. Leave the contact out, or give numbers of modes")
         part = found[owner]
         columns = [part.port(name.partition(".")[2]).reshape(part.size, -1) for name in ports]
@@ -167,7 +167,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     ------
     InputError, InputTypeError
         Systems of different parts, or the same; a part that its interface does not hold; a spring on a port inside a part; full
-        parts with more than 3,000 DOF in all; a contact with stiffness, or between parts.
+        parts with more than 3,000 DOF in total; a contact with stiffness, or between parts.
 
     Examples
     --------
