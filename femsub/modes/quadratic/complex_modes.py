@@ -211,7 +211,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         A pencil may have any real D and K, symmetric or not.
     contacts : Belt, LinearContact or another contact, or a sequence of them, optional
         A belt adds F μ'(v0) w wᵀ to D; other contacts add terms of their own to D and K
-        (`femsub.model.contact.Contact`). K may become unsymmetric. Without a contact the model's own D and K are used. Not for a pencil.
+        (`femsub.model.contact.Contact`). K may become unsymmetric. Without a contact the model's own D and K
+        are used. Not for a pencil.
     count : int, optional
         Number of eigenvalues nearest to 0, conjugates included. A pair is never split, so there may be one more.
     band : (lo, hi), optional
