@@ -54,7 +54,7 @@ def parser_of(name: str, module: ModuleType) -> argparse.ArgumentParser:
 def main() -> int:
     name = sys.argv[1] if len(sys.argv) > 1 else ""
     if name not in COMMANDS:
-        known = "\n".join(f"  {name:18}{first_line(module)}" for name, module in sorted(COMMANDS.items()))
+        known = "\n".join(f"  {name:22}{first_line(module)}" for name, module in sorted(COMMANDS.items()))
         print(f"python -m benchmarks NAME [options]\n\n{known}", file=sys.stderr if name else sys.stdout)
         return 2 if name.strip("-") not in ("", "h", "help") else 0
     module = import_module(COMMANDS[name])

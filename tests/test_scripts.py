@@ -44,7 +44,7 @@ def run(*args: object) -> subprocess.CompletedProcess[str]:
 def test_the_commands_are_listed(name: str) -> None:
     done = run(*[name] if name else [])
     assert done.returncode == (2 if name == "no-such-command" else 0)
-    listed = re.findall(r"^  ([a-z-]+)(?:  +\S|$)", done.stdout + done.stderr, re.MULTILINE)
+    listed = re.findall(r"^  ([a-z-]+)  +\S", done.stdout + done.stderr, re.MULTILINE)
     assert listed == sorted(COMMANDS)
 
 
