@@ -153,11 +153,12 @@ class NormalModes(Shaped):
         """Frequencies by their numbers."""
         return frequencies_chart(self, title)
 
-    def _drawn_first(self) -> list[int]:
+    def drawn_first(self) -> list[int]:
         """Elastic modes."""
         return list(range(self.rigid, len(self.eigenvalues)))
 
-    def _called(self, i: int) -> str:
+    def title_of(self, i: int) -> str:
+        """The title of a shape."""
         return f"mode {i + 1}: ω = {self.frequencies[i]:.5g} rad/time"
 
     def __repr__(self) -> str:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from femsub.components import Mesh
     from femsub.model import Substructure
 
-FIRST = 6  # shapes of a figure, where it is not said which: more would be too small
+SHAPES = 6  # shapes of a figure, where it is not said which: more would be too small
 
 
 class Shaped(Displayed):
@@ -22,11 +22,11 @@ class Shaped(Displayed):
 
     shapes: Array
 
-    def _drawn_first(self) -> list[int]:
+    def drawn_first(self) -> list[int]:
         """The modes that are drawn where it is not said which."""
         raise NotImplementedError
 
-    def _called(self, i: int) -> str:
+    def title_of(self, i: int) -> str:
         """The title of a shape."""
         raise NotImplementedError
 
@@ -62,9 +62,9 @@ class Shaped(Displayed):
         4
         """
         count = self.shapes.shape[1]
-        chosen = self._drawn_first()[:FIRST] if modes is None else whole_numbers("modes", modes).tolist()
+        chosen = self.drawn_first()[:SHAPES] if modes is None else whole_numbers("modes", modes).tolist()
         if not chosen or not all(-count <= i < count for i in chosen):
             raise InputError(f"modes must be positions among {count} modes, not {modes if modes is not None else chosen}")
         mesh, fields = joined_shapes(*moved_fields(model, self.shapes[:, chosen], meshes))
-        titles = [self._called(i) for i in chosen]
+        titles = [self.title_of(i) for i in chosen]
         return figure_of(lambda: shapes_figure(mesh, turned(fields).real, titles, title or "Modes", {}), units_of(units))

@@ -82,13 +82,13 @@ def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -
 
 def new_figure(width: float, height: float) -> Any:
     """An empty figure that belongs to no window and no global state."""
-    figure = _figures()(figsize=(width, height), layout="constrained")
+    figure = figure_class()(figsize=(width, height), layout="constrained")
     _matplotlib().backends.backend_agg.FigureCanvasAgg(figure)
     return figure
 
 
 @cache
-def _figures() -> Any:
+def figure_class() -> Any:
     """The class of figures: matplotlib's, which are drawn in `STYLE` wherever that is, and which notebooks show."""
 
     class Figure(_matplotlib().figure.Figure):  # type: ignore[misc]

@@ -171,13 +171,14 @@ class ComplexModes(Shaped):
         """Im λ over Re λ, and over the damping ratio -Re λ/|λ| in %, of eigenvalues with Im λ ≥ 0; growing ones are red."""
         return modes_chart(self, title)
 
-    def _drawn_first(self) -> list[int]:
+    def drawn_first(self) -> list[int]:
         """Growing modes, or the least stable one."""
         grows = [int(i) for i in self.unstable if self.eigenvalues[i].imag > 0]
         moving = np.flatnonzero(~self.rigid & (self.eigenvalues.imag > 0))
         return grows or moving[np.argsort(-self.eigenvalues.real[moving])][:1].tolist()
 
-    def _called(self, i: int) -> str:
+    def title_of(self, i: int) -> str:
+        """The title of a shape."""
         return f"ω = {self.eigenvalues[i].imag:.5g} rad/time, damping {self.damping_percent[i]:.3g} %"
 
     def __repr__(self) -> str:
