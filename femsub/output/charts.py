@@ -237,7 +237,7 @@ def damping_percent(eigenvalues: Any) -> Array:
     """-100 Re λ/|λ|; 0 at λ = 0."""
     values = np.asarray(eigenvalues, dtype=complex)
     size = np.abs(values)
-    return np.divide(-100 * values.real, size, out=np.zeros(values.shape) * size, where=size > 0)
+    return np.asarray(-100 * values.real / np.where(size > 0, size, 1.0))
 
 
 def linear_up_to(values: Any, piled: float = 0.03, decades: int = 5) -> float:
