@@ -280,7 +280,7 @@ class FrictionContact(Joint):
     def _points(self) -> Points:
         surfaces = [None if name == GROUND else self._mesh(name) for name in (self.first, self.second)]
         points = contact_points(surfaces[0], surfaces[1], self.tol)
-        if points.second is not None and points.share < 0.994:  # straight edges of curved rims leave half a per cent
+        if points.second is not None:
             warn_of_uncovered(points.first.surface, points.second.surface, points.share, self.tol, self.first, self.second)
         return points
 
