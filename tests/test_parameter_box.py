@@ -435,7 +435,7 @@ def test_brake_m0_over_all_speeds():
 @pytest.mark.slow
 def test_the_brake_over_all_friction():
     """Friction of high rank: few cells. On the scene's own mesh it has rank 189, and norms of its factors alone took seven."""
-    brake, band = brake_models(0.06), (1e3, 3e4)
+    brake, band = brake_models(0.05), (1e3, 3e4)
     small = fs.reduce(brake.full, fs.ParameterBox({"mu": (0.0, 0.7)}, band), contacts=brake.at({"mu": 0.0}))
     assert small.evidence == "certified" and len(small.cells) <= 6 and small.error <= 1e-6
     modes, full = small.modes(mu=0.61), fs.complex_modes(brake.full, brake.at({"mu": 0.61}), band=band)

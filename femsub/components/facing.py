@@ -175,7 +175,7 @@ def digits(one: Surface, other: Surface) -> float:
 def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | None, first: str, second: str) -> None:
     """Warns that a share of the first surface alone lies on the second, but not of a border moved by the last digits."""
     area = float(one.sizes.sum())
-    if share < min(0.994, 1 - digits(one, other) * one.border / area):  # straight edges of curved rims leave half a per cent
+    if share < 1 - digits(one, other) * one.border / area:
         within = reach(one, np.arange(len(one.faces)), tol).max()
         warn(f"only {percent(share)} of {first} lies on {second} (straight edges, within {within:.3g}): {percent(1 - share)} "
              f"of its area of {area:.4g} has no partner there, and nothing acts on it. Move a part, refine the meshes, name a "
