@@ -27,7 +27,7 @@ NAMES = {
     "motion": ("Motion", "Time integration, limit cycles, branches and signals.", ("motion",)),
     "io": ("Files", "Matrices, meshes and components from and to files.", ("io",)),
     "studies": ("Studies", "Full against reduced models: error and run time; scene files.", ("studies", "app")),
-    "errors": ("Errors and warnings", "All of them are a `FemsubError` or a `FemsubWarning`.", ("errors",)),
+    "errors": ("Errors and warnings", "All of them are a `FemsubError` or a `FemsubWarning`.", ("checks",)),
 }
 
 #: families of kinds: title and one line

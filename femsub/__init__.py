@@ -24,8 +24,7 @@ try:
 except ModuleNotFoundError:
     from importlib.util import find_spec
 
-    from femsub.checks import installed_by
-    from femsub.errors import MissingPackageError
+    from femsub.checks import MissingPackageError, installed_by
 
     _lacking = [name for name in ("numpy", "scipy", "lazy_loader", "threadpoolctl") if find_spec(name) is None]
     raise MissingPackageError(f"femsub needs {', '.join(_lacking)}: {installed_by(*_lacking)}") from None

@@ -12,6 +12,22 @@ from . import (
     reduction as reduction,
 )
 from .app.grammar import Scene as Scene
+from .checks import (
+    ConditionWarning as ConditionWarning,
+    CutoffWarning as CutoffWarning,
+    FemsubError as FemsubError,
+    FemsubWarning as FemsubWarning,
+    InputError as InputError,
+    InputTypeError as InputTypeError,
+    MissedModesError as MissedModesError,
+    MissingPackageError as MissingPackageError,
+    NotConvergedError as NotConvergedError,
+    NotEnoughMemoryError as NotEnoughMemoryError,
+    PortWarning as PortWarning,
+    SingularMatrixError as SingularMatrixError,
+    UnstableModelError as UnstableModelError,
+    WorkerError as WorkerError,
+)
 from .components.beam import beam as beam, space_beam as space_beam
 from .components.chain import chain as chain, chain_frequencies as chain_frequencies
 from .components.facing import Facing as Facing, facing as facing
@@ -30,22 +46,6 @@ from .coupling.cutting import Cut as Cut, cut as cut
 from .coupling.joints import Rigid as Rigid, Spring as Spring
 from .coupling.rigid_links import Averaged as Averaged, Kinematic as Kinematic
 from .coupling.ties import Tied as Tied
-from .errors import (
-    ConditionWarning as ConditionWarning,
-    CutoffWarning as CutoffWarning,
-    FemsubError as FemsubError,
-    FemsubWarning as FemsubWarning,
-    InputError as InputError,
-    InputTypeError as InputTypeError,
-    MissedModesError as MissedModesError,
-    MissingPackageError as MissingPackageError,
-    NotConvergedError as NotConvergedError,
-    NotEnoughMemoryError as NotEnoughMemoryError,
-    PortWarning as PortWarning,
-    SingularMatrixError as SingularMatrixError,
-    UnstableModelError as UnstableModelError,
-    WorkerError as WorkerError,
-)
 from .io.component_files import read_component as read_component
 from .io.matrix_files import read_matrix as read_matrix
 from .io.measurements import read_modes as read_modes, read_response as read_response

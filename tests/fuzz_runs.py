@@ -24,7 +24,7 @@ from femsub.app.page import show
 from femsub.app.record import Record
 from femsub.app.report import output_folder
 from femsub.app.result import Result
-from femsub.errors import FemsubError
+from femsub.checks import FemsubError
 from femsub.output import Table
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")

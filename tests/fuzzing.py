@@ -435,7 +435,7 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
     """The child: reads paths until there are no more."""
     import faulthandler
 
-    from femsub.errors import FemsubError
+    from femsub.checks import FemsubError
 
     faulthandler.enable()
     warnings.simplefilter("ignore")
@@ -470,7 +470,7 @@ def serve(questions: Connection, answers: Connection, memory: int) -> None:
 
 
 def _memory_error(error: BaseException | None) -> str:
-    from femsub.errors import FemsubError
+    from femsub.checks import FemsubError
 
     while error is not None:
         if isinstance(error, MemoryError) and not isinstance(error, FemsubError):

@@ -18,8 +18,8 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.app.expressions import Expression, Factor
 from femsub.app.grammar import Scene
+from femsub.checks import InputError
 from femsub.components import disc_pair, two_mode
-from femsub.errors import InputError
 
 OWN = """
 name = "own"

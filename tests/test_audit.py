@@ -17,7 +17,7 @@ from benchmarks.attacks import audits
 from femsub.app.cli import main
 from femsub.reduction import METHODS
 
-pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # belts on the inside are meant
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")  # belts on the inside are meant
 BEAM: dict[str, Any] = {"E": 2.1e11, "I": 1.7e-9, "rho": 7850.0, "A": 2e-4}
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 Given = dict[str, Any]

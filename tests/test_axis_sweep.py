@@ -7,7 +7,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.errors import NotConvergedError
+from femsub.checks import NotConvergedError
 from femsub.modes import Projection, Varied, projection_over
 from femsub.modes.quadratic.axis_sweep import AxisSweep, Line, _discs
 from femsub.stability.critical_value import question_of

@@ -41,7 +41,7 @@ def test_a_foundation_adds_to_every_eigenvalue() -> None:
 
 
 @pytest.mark.sampled(5, 2)
-@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.errors.ConditionWarning")
+@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.checks.ConditionWarning")
 @pytest.mark.parametrize("n", [1, 4, 7, 49, 50, 51, 200, 2000])
 @pytest.mark.parametrize(("units", "length"), [(SI, 1.0), (MM, 1000.0), (SI, 0.03), (MM, 50_000.0)])
 def test_rigid_body_modes_are_counted_in_any_units(n: int, units: dict, length: float) -> None:
@@ -148,7 +148,7 @@ def test_beam_refuses(arguments: dict, words: str) -> None:
         fs.beam(**{"length": 1.0, "elements": 10, **SI, **arguments})
 
 
-@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.errors.ConditionWarning")
+@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.checks.ConditionWarning")
 def test_a_slender_beam_that_is_held_keeps_its_stiffness() -> None:
     def tip(elements: int) -> float:
         sub = fs.beam(1.0, elements, E=2.1e11, I=8e-9, rho=7850.0, A=2e-4, supports={"left": "clamped"}, interface=["right"])
@@ -178,7 +178,7 @@ def test_the_entries_of_a_fine_beam_hold_its_lowest_frequency() -> None:
             assert abs(float(stiffness / inertia) / exact - 1) < 1e-6  # it was 6e-3, by springs of rounding under every node
 
 
-@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.errors.ConditionWarning")
+@pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.checks.ConditionWarning")
 @pytest.mark.parametrize("places", ["equal", "linspace", "graded"])
 def test_lifting_a_beam_costs_nothing_to_the_last_digit(places: str) -> None:
     x = {"equal": 300, "linspace": np.linspace(0.0, 0.7, 301), "graded": 0.7 * np.linspace(0.0, 1.0, 301) ** 1.5}[places]

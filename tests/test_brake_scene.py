@@ -20,7 +20,7 @@ from femsub.coupling.contacts.brake import brake_meshes
 from femsub.coupling.contacts.friction_contact import contact_points
 
 # faces of 80 mm: the chords of their arcs leave 7 % of a pad beside the track
-pytestmark = pytest.mark.filterwarnings("ignore:only .* of .*face lies on:femsub.errors.PortWarning")
+pytestmark = pytest.mark.filterwarnings("ignore:only .* of .*face lies on:femsub.checks.PortWarning")
 
 MESHES = Path(__file__).parent.parent / "meshes"
 SMALL = """

@@ -350,7 +350,7 @@ def test_an_equation_that_is_nearly_redundant_is_told(gap: float, kept: int) -> 
         assert len(independent(equations, np.ones(2))) == kept
 
 
-@pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+@pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")
 def test_the_force_of_a_joint_moves_the_parts_it_joins_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Else each part is multiplied with the forces of all joints, and the joined matrices cost the square of their number."""
     made: list[Multiplied] = []

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from femsub.app import cli, doctor
-from femsub.errors import MissingPackageError
+from femsub.checks import MissingPackageError
 
 ROOT = Path(__file__).parent.parent
 

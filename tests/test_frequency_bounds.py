@@ -14,7 +14,7 @@ from benchmarks.attacks import frequency_bounds as attack
 from femsub.coupling.joints import Joint, Link
 from femsub.reduction.frequency_bounds import left_out
 
-pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # belts on the inside are meant
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")  # belts on the inside are meant
 STEEL = fs.Material(2.1e11, 0.3, 7850.0)
 
 

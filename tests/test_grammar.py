@@ -17,7 +17,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.app.grammar import Scene
 from femsub.app.kinds import Kinds
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 MESHES = Path(__file__).parents[1] / "meshes"
 STEEL = {"steel": {"E": 2.1e11, "rho": 7850.0}}

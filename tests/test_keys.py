@@ -26,8 +26,7 @@ from femsub.app.faults import Faults
 from femsub.app.grammar import Scene, built_in, parsed, text_of
 from femsub.app.keys import Key, item_kind, key, keys_of, kinds, made
 from femsub.app.kinds import FAMILIES, Kinds
-from femsub.checks import installed_by
-from femsub.errors import InputError
+from femsub.checks import InputError, installed_by
 from femsub.output import SYSTEMS, span
 
 ROOT = Path(__file__).parent.parent

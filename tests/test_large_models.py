@@ -19,7 +19,7 @@ from femsub.algebra.factor import factorise
 from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.processes import memory as process_memory
 from femsub.algebra.processes.system import libc
-from femsub.errors import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
+from femsub.checks import InputError, MissedModesError, NotConvergedError, NotEnoughMemoryError
 from femsub.modes.block_lanczos import block_lanczos
 from femsub.modes.shift_invert import ShiftInvert
 

@@ -23,8 +23,7 @@ import pytest
 import femsub as fs
 from femsub import checks
 from femsub.app import cli
-from femsub.checks import EXTRAS, installed_by
-from femsub.errors import MissingPackageError
+from femsub.checks import EXTRAS, MissingPackageError, installed_by
 
 ROOT = Path(__file__).parent.parent
 SOURCES = [path for folder in ("femsub", "scripts", "benchmarks") for path in sorted((ROOT / folder).rglob("*.py"))]

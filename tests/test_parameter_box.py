@@ -18,7 +18,7 @@ from brakescene import brake_models
 from scipy.io import loadmat
 
 import femsub as fs
-from femsub.errors import FemsubWarning, InputError
+from femsub.checks import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
 from femsub.reduction import parameter_box

@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 import femsub as fs
-from femsub.errors import FemsubWarning, InputError, InputTypeError
+from femsub.checks import FemsubWarning, InputError, InputTypeError
 from femsub.output import draw
 from femsub.stability.labels import sources_of
 from femsub.stability.leaves import Companion, Middle

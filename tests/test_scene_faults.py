@@ -11,7 +11,7 @@ import pytest
 from femsub.app.faults import line_numbers
 from femsub.app.grammar import Scene, text_of
 from femsub.app.models import Models
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 #: built-in scenes that need no files
 SCENES = ("chain", "beam", "plate", "solid", "frequency-response", "plate-parts", "solid-parts", "brake", "chain-transient",

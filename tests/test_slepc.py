@@ -17,8 +17,7 @@ from femsub.algebra import petsc
 from femsub.algebra.factor import ComplexFactor, factorise
 from femsub.algebra.ordering import slender
 from femsub.algebra.petsc import SparseFactor, quadratic_modes, symmetric_modes
-from femsub.checks import EPS
-from femsub.errors import MissingPackageError, SingularMatrixError
+from femsub.checks import EPS, MissingPackageError, SingularMatrixError
 
 
 def resident() -> int:

@@ -13,11 +13,11 @@ from skfem.helpers import dot
 from skfem.models.elasticity import linear_elasticity
 
 import femsub as fs
+from femsub.checks import InputError, InputTypeError
 from femsub.components import solid_assembly, solid_elements
 from femsub.components.mesh import boundary_faces, distinct_sides
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import stiffness_and_mass
-from femsub.errors import InputError, InputTypeError
 
 STEEL = {"SI": (fs.Material(2.1e11, 0.3, 7850.0), 1.0), "mm-t-s": (fs.Material(2.1e5, 0.3, 7.85e-9), 1e3)}
 ELEMENTS = {"hexahedron": skfem.ElementHex1, "hexahedron20": skfem.ElementHexS2, "hexahedron27": skfem.ElementHex2,

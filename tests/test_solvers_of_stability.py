@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import femsub as fs
 from benchmarks.attacks import critical_values as attack
 from benchmarks.attacks.borders import SOLVERS, model_for_all, solvers
-from femsub.errors import NotConvergedError
+from femsub.checks import NotConvergedError
 from femsub.modes.quadratic import complex_modes, search
 from femsub.stability import discs, followed
 from femsub.stability.critical_value import first_value

@@ -489,7 +489,7 @@ PARTS = {  # floating and held, whose DOF have directions of nodes, names of the
     "chain": lambda: fs.chain(20, interface=[1, 20], damping=0.0)}
 
 
-@pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+@pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")
 @pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("program", ["nastran", "dmig"])
 def test_what_was_written_for_nastran_is_read_with_its_frequencies(program: str, part: str, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from femsub.reduction.estimates.joined import JoinedSpace, held_statics
 from femsub.reduction.estimates.leaving_out import LeavingOut
 from femsub.reduction.estimates.nested import JOINED_RESIDUAL, Nested
 
-pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")
 TOL = 1e-3
 ROUNDING = 1e-9
 SEEDS = (0, 3, 5, 6, 9, 11, 17, 21)  # 2 to 5 parts of all kinds, held and floating, damped or not, with springs between them

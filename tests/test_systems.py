@@ -16,7 +16,7 @@ from femsub.reduction import reduce as part_by_part
 from femsub.reduction.reduce import METHODS
 from femsub.studies import error_vs_time
 
-pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")  # every part has a port
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")  # every part has a port
 BAND = (0.0, 0.35)
 ROUNDING = 1e-9
 

@@ -85,7 +85,7 @@ import scipy.sparse as sp
 from threadpoolctl import ThreadpoolController
 from femsub.algebra import petsc
 from femsub.algebra.processes import threads
-from femsub.errors import SingularMatrixError
+from femsub.checks import SingularMatrixError
 
 petsc.load()
 loops = [one.dynlib for one in ThreadpoolController().select(user_api="openmp").lib_controllers]

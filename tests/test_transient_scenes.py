@@ -20,7 +20,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 CHAIN = """
 scene = "chain-transient"

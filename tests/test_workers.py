@@ -37,7 +37,7 @@ from femsub.algebra.processes.waiting import is_stopped
 from femsub.reduction.method import Method
 
 ROOT = Path(__file__).parent.parent
-pytestmark = pytest.mark.filterwarnings("ignore::femsub.errors.PortWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from femsub.algebra.matrices import Difference
 from femsub.algebra.memory import MOST_FILL, room_of_count
 from femsub.algebra.processes.beside import Process
 from femsub.algebra.processes.limits import BASE, FACTOR_BYTES, WORTH
-from femsub.checks import Matrix
-from femsub.errors import NotEnoughMemoryError
+from femsub.checks import Matrix, NotEnoughMemoryError
 
 if TYPE_CHECKING:
     from femsub.algebra.factor import Handle

@@ -12,8 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra.matrices import is_symmetric
 from femsub.algebra.null_spaces import ROUNDING, SUMS, RowSpace, row_space
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import ConditionWarning, warn
+from femsub.checks import EPS, Array, ConditionWarning, Matrix, warn
 
 
 @dataclass(frozen=True, eq=False)

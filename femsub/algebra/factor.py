@@ -18,8 +18,7 @@ from femsub.algebra.petsc import Kind, SparseFactor
 from femsub.algebra.processes.beside import divided, is_fork_safe, shared_zeros
 from femsub.algebra.processes.cache import drop, forget, shared
 from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES, LARGE, SMALL, WORK
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import SingularMatrixError
+from femsub.checks import EPS, Array, Matrix, SingularMatrixError
 
 log = logging.getLogger(__name__)
 

@@ -13,8 +13,7 @@ import scipy.sparse as sp
 from femsub.algebra.frozen import frozen, is_sealed
 from femsub.algebra.processes.cache import shared
 from femsub.algebra.processes.threads import times
-from femsub.checks import EPS, Array, Matrix, refuse_masked
-from femsub.errors import InputError, InputTypeError
+from femsub.checks import EPS, Array, InputError, InputTypeError, Matrix, refuse_masked
 
 ROUNDING = 64 * EPS  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
 

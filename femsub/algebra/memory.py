@@ -18,8 +18,7 @@ from femsub.algebra.processes.cache import are_free, at_hand, kept_bytes
 from femsub.algebra.processes.folders import in_memory, is_writable
 from femsub.algebra.processes.limits import BASE, BLOCK, FACTOR_BYTES, LARGE
 from femsub.algebra.processes.memory import available, left_of_limit
-from femsub.checks import Array, Matrix, temporary
-from femsub.errors import NotEnoughMemoryError
+from femsub.checks import Array, Matrix, NotEnoughMemoryError, temporary
 
 BLOCKS = 3 * BLOCK  # columns in work while constraint modes are computed: loads, solutions and products with K
 LIBRARIES = "petsc4py.PETSc"

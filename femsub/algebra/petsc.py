@@ -34,14 +34,18 @@ from femsub.algebra.processes.limits import BLOCK, FACTOR_BYTES
 from femsub.algebra.processes.memory import give_back_freed_memory
 from femsub.algebra.processes.system import functions_of, set_unless_given
 from femsub.algebra.processes.threads import no_openmp
-from femsub.checks import EPS, Array, Matrix, installed_by, set_up_by
-from femsub.errors import (
+from femsub.checks import (
+    EPS,
+    Array,
     BreakdownError,
     InputError,
+    Matrix,
     MissingPackageError,
     NotConvergedError,
     NotEnoughMemoryError,
     SingularMatrixError,
+    installed_by,
+    set_up_by,
 )
 
 Kind = Literal["definite", "symmetric", "general"]

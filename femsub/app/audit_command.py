@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

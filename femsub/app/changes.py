@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import femsub as fs
 from femsub.app.keys import key
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub.app.models import Models

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 
 from femsub import __version__
 from femsub.app import audit_command
-from femsub.checks import installed_by, package
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, printable
+from femsub.checks import FemsubError, FemsubWarning, InputError, InputTypeError, installed_by, package, printable
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

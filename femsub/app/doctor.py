@@ -15,8 +15,7 @@ import scipy.sparse as sp
 
 import femsub
 from femsub.algebra import available, inertia, libraries, own_processors, petsc, processors, variable
-from femsub.checks import DENSE, EQUAL, installed_by
-from femsub.errors import FemsubError
+from femsub.checks import DENSE, EQUAL, FemsubError, installed_by
 
 OPTIONAL = "matplotlib", "scikit-fem", "meshio", "plotly", "pyyeti"
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them

@@ -20,7 +20,7 @@ from femsub.app.keys import HERTZ, Key, item_kind, keys_of, kinds, type_words
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
 from femsub.app.parts import MaterialKeys
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
 FILE = "scene.schema.json"  # what scene files call it

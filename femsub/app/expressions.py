@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from femsub.checks import EQUAL, parsing
-from femsub.errors import InputError
+from femsub.checks import EQUAL, InputError, parsing
 from femsub.model import Interval
 
 LONGEST = 500  # characters of an expression: no factor of a model needs more, and Python's parser may fail on much longer ones

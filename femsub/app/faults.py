@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from femsub.errors import FemsubError, InputError
+from femsub.checks import FemsubError, InputError
 
 Place = Sequence[Any]  # the keys that lead to a value: ("part", "disc", "E"), ("ask", 2, "between")
 HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]")

@@ -37,8 +37,7 @@ from femsub.app.kinds import FAMILIES, Kinds, is_beside, kinds_file
 from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
-from femsub.checks import mapping, path_of, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, mapping, path_of, unknown_name, word
 from femsub.output import SYSTEMS, Units
 
 if TYPE_CHECKING:

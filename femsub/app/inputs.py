@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from femsub import __version__
-from femsub.checks import hash_of
-from femsub.errors import FemsubWarning, InputError, warn
+from femsub.checks import FemsubWarning, InputError, hash_of, warn
 from femsub.io import HASHES, content_sum, newest
 
 RESULTS = "results.json"

@@ -23,8 +23,7 @@ from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from femsub.app.faults import Faults, Place
-from femsub.checks import choice, finite_number, interval, shown, whole_number
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, choice, finite_number, interval, shown, unknown_name, whole_number
 
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}

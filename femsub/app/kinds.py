@@ -19,8 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, ClassVar
 
-from femsub.checks import resolved
-from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.checks import FemsubError, InputError, resolved, unknown_name
 
 FAMILIES = ("part", "joint", "contact", "ask")
 

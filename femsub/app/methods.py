@@ -9,7 +9,7 @@ from typing import Any
 
 from femsub import reduction
 from femsub.app.keys import key
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 #: of the literature, and of Python's MacNeal
 SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}

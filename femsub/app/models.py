@@ -14,9 +14,8 @@ import numpy as np
 import femsub as fs
 from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.methods import FULL
-from femsub.checks import Array
+from femsub.checks import Array, InputError, PortWarning
 from femsub.components import joined_mesh, node_rows
-from femsub.errors import InputError, PortWarning
 from femsub.model import MOTIONS, contacts_at, family_of
 from femsub.modes import beside_the_full
 from femsub.reduction import METHODS, Method

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import Array, InputError
 from femsub.components import boundary_faces, corner_nodes
-from femsub.errors import InputError
 from femsub.io import Writer, read_arrays
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from femsub.app.asks import check_bounds, parameter_of
 from femsub.app.contacts import ContactKind
 from femsub.app.ends import GROUND, End
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub.app.faults import Faults

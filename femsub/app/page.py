@@ -21,8 +21,7 @@ from femsub.app.inputs import RESULTS, results_of
 from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.report import output_folder, put
 from femsub.app.result import label, studies
-from femsub.checks import Array, package, unlike
-from femsub.errors import FemsubError, InputError, warn
+from femsub.checks import Array, FemsubError, InputError, package, unlike, warn
 from femsub.output import Units
 
 PAGE_FILE = "report.html"

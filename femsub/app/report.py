@@ -20,8 +20,7 @@ import numpy as np
 import femsub
 from femsub.algebra import completed, processors
 from femsub.app.result import Remark, Result, studies
-from femsub.checks import csv_cell, hash_of, is_there, resolved
-from femsub.errors import InputError, printable
+from femsub.checks import InputError, csv_cell, hash_of, is_there, printable, resolved
 from femsub.io import HASHES, OURS, Writer, hashed, held, summed, write_whole
 from femsub.output import UNKNOWN, Units
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from femsub.app.asks import Ask
 from femsub.app.models import Models
 from femsub.app.result import Chart, Progress, Result, Shown, Table
-from femsub.checks import Interruptible
-from femsub.errors import FemsubError
+from femsub.checks import FemsubError, Interruptible
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -12,6 +12,8 @@ from femsub.checks import (
     EQUAL,
     POSITION,
     Array,
+    InputError,
+    InputTypeError,
     choice,
     finite_number,
     items,
@@ -22,7 +24,6 @@ from femsub.checks import (
 )
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import component, free_to_lift, gathered, node_at, optional_mapping, per_part, warn_of_rounding
-from femsub.errors import InputError, InputTypeError
 from femsub.model import MOTIONS, DofMap
 
 if TYPE_CHECKING:

@@ -7,9 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, Matrix, finite_number, mapping, real_array
+from femsub.checks import (
+    EPS,
+    Array,
+    ConditionWarning,
+    InputError,
+    InputTypeError,
+    Matrix,
+    finite_number,
+    mapping,
+    real_array,
+    warn,
+)
 from femsub.components.solid_assembly import Pattern
-from femsub.errors import ConditionWarning, InputError, InputTypeError, warn
 from femsub.model import Substructure, Supported
 
 if TYPE_CHECKING:

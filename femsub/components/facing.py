@@ -8,10 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EQUAL, POSITION, Array, instance, mapping, naming, positive_number, shown, word
+from femsub.checks import (
+    EQUAL,
+    POSITION,
+    Array,
+    InputError,
+    InputTypeError,
+    PortWarning,
+    instance,
+    mapping,
+    naming,
+    positive_number,
+    shown,
+    unknown_name,
+    warn,
+    word,
+)
 from femsub.components.mesh import Mesh
 from femsub.components.surfaces import Surface, common_points, reach
-from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from femsub.checks import Array, instance, mapping, rows
+from femsub.checks import Array, InputError, InputTypeError, instance, mapping, rows
 from femsub.components.mesh import Mesh, places_of
-from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure, displacements as motions_of, full_dofs
 
 #: the coordinate of the displacement for each label; other labels (slopes) are not displacements

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from femsub.algebra import check_room
-from femsub.checks import Array, interval, items, real_array, shown, whole_number
+from femsub.checks import Array, InputError, interval, items, real_array, shown, whole_number
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import box
-from femsub.errors import InputError
 
 
 def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedron20", name: str = "block") -> Mesh:

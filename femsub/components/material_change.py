@@ -10,14 +10,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, choice, finite_number, instance, positive_number, whole_numbers, word
+from femsub.checks import Array, InputError, Matrix, choice, finite_number, instance, positive_number, whole_numbers, word
 from femsub.components.beam import LABELS, element_lengths
 from femsub.components.bending_elements import hermite_matrices
 from femsub.components.build import gathered, not_negative, pair
 from femsub.components.mesh import Mesh
 from femsub.components.plate import Layout
 from femsub.components.solid_assembly import Material, lame, stiffness_and_mass
-from femsub.errors import InputError
 from femsub.model import TRANSLATIONS, Change, ChangeTerm, DofMap, Jet, displacements, full_dofs
 
 Values = Mapping[str, Any]

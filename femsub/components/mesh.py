@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, choice, instance, items, mapping, real_array, rows, word
+from femsub.checks import Array, InputError, choice, instance, items, mapping, real_array, rows, word
 from femsub.components.solid_elements import KINDS, reference
-from femsub.errors import InputError
 
 #: kind: (dimension of the cell, nodes)
 CELLS = {"line": (1, 2), "triangle": (2, 3), "quad": (2, 4), "tetra": (3, 4), "tetra10": (3, 10), "hexahedron": (3, 8),

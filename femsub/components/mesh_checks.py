@@ -10,10 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from femsub.checks import EQUAL, POSITION, Array
+from femsub.checks import EQUAL, POSITION, Array, InputError
 from femsub.components.mesh import Mesh, corners_of, distinct_sides, sides_of
 from femsub.components.solid_elements import KINDS, jacobians, quadrature, reference, shape_functions
-from femsub.errors import InputError
 
 CHUNK = 1 << 25  # bytes of Jacobians held at a time
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femsub.checks import POSITION, Array
+from femsub.checks import POSITION, Array, InputError, PortWarning, unknown_name, warn
 from femsub.components.mesh import Mesh, boundary_faces, corner_nodes, corners_of, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import jacobians, on_side, quadrature, reference, shape_functions, side_quadrature
-from femsub.errors import InputError, PortWarning, unknown_name, warn
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EQUAL, POSITION, Array, Matrix, choice, finite_number, instance, items, naming, positive_number
+from femsub.checks import (
+    EQUAL,
+    POSITION,
+    Array,
+    InputError,
+    InputTypeError,
+    Matrix,
+    choice,
+    finite_number,
+    instance,
+    items,
+    naming,
+    positive_number,
+)
 from femsub.components.bending_elements import (
     CORNERS,
     HERMITE_MEAN,
@@ -23,7 +36,6 @@ from femsub.components.mesh import Mesh, edges_of, edges_within, sides_of
 from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import patch
 from femsub.components.solid_assembly import Material
-from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
 
 SUPPORTS = ("free", "simply supported", "clamped")

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, choice, finite_number, naming, real_array
+from femsub.checks import EQUAL, Array, InputError, choice, finite_number, naming, real_array
 from femsub.components.build import not_negative, optional_mapping
-from femsub.errors import InputError
 from femsub.model import MOTIONS, Affine, DofMap, Substructure
 
 

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, choice, instance, items, naming, real_array, shown, word
+from femsub.checks import Array, InputError, InputTypeError, choice, instance, items, naming, real_array, shown, word
 from femsub.components.build import component, optional_mapping
 from femsub.components.facing import Facing
 from femsub.components.mesh import Mesh
@@ -16,7 +16,6 @@ from femsub.components.mesh_checks import refuse_spoilt
 from femsub.components.patches import solid_average
 from femsub.components.solid_assembly import Material, stiffness_and_mass
 from femsub.components.solid_elements import KINDS
-from femsub.errors import InputError, InputTypeError
 from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 Direction: TypeAlias = str | Sequence[float]

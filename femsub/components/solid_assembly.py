@@ -11,10 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import upper as upper_triangle
-from femsub.checks import EQUAL, Array, Matrix, finite_number, positive_number
+from femsub.checks import EQUAL, Array, InputError, Matrix, finite_number, positive_number
 from femsub.components.mesh import Mesh
 from femsub.components.solid_elements import jacobians, quadrature, reference, shape_functions
-from femsub.errors import InputError
 
 CHUNK = 1 << 27  # bytes of element matrices held at a time
 

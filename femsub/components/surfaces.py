@@ -9,11 +9,10 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, Matrix
+from femsub.checks import EQUAL, Array, InputError, Matrix, PortWarning, warn
 from femsub.components.mesh import Mesh, boundary_faces, corners_of, sides_of
 from femsub.components.mesh_checks import listed
 from femsub.components.solid_elements import KINDS, on_side, reference, shape_functions, side_quadrature
-from femsub.errors import InputError, PortWarning, warn
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,10 +32,9 @@ from femsub.algebra import (
     units,
     without_dust,
 )
-from femsub.checks import DENSE, EQUAL, Array, Matrix, choice, instance, items, mapping, naming, word
+from femsub.checks import DENSE, EQUAL, Array, InputError, InputTypeError, Matrix, choice, instance, items, mapping, naming, word
 from femsub.coupling.dual import Multiplied, finite_span, interface_forces, multiplied
 from femsub.coupling.joints import End, Joint, Link, site, spatial
-from femsub.errors import InputError, InputTypeError
 from femsub.model import (
     Carried,
     DofMap,

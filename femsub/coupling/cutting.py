@@ -12,11 +12,10 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
 from femsub.algebra import Frozen, partition, runs
-from femsub.checks import EQUAL, Array, Matrix, instance, items, whole_number
+from femsub.checks import EQUAL, Array, InputError, InputTypeError, Matrix, instance, items, whole_number
 from femsub.components import Mesh, corners_of, edges_of, places_of
 from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
-from femsub.errors import InputError, InputTypeError
 from femsub.model import DofMap, Substructure
 
 PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes

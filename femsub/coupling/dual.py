@@ -11,8 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import DEPENDENT, ROUNDING, SINGULAR, Equations, congruent, eliminate, independent, product, units
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import MissedModesError
+from femsub.checks import EPS, Array, Matrix, MissedModesError
 
 if TYPE_CHECKING:
     from femsub.model import Substructure

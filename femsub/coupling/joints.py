@@ -10,8 +10,22 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, EQUAL, POSITION, Array, Matrix, items, naming, positive_number, real_array, shown, word
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.checks import (
+    EPS,
+    EQUAL,
+    POSITION,
+    Array,
+    InputError,
+    InputTypeError,
+    Matrix,
+    items,
+    naming,
+    positive_number,
+    real_array,
+    shown,
+    unknown_name,
+    word,
+)
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure

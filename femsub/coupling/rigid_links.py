@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Array, naming, real_array, word
+from femsub.checks import EQUAL, Array, InputError, naming, real_array, word
 from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
-from femsub.errors import InputError
 
 if TYPE_CHECKING:
     from femsub.model import Substructure

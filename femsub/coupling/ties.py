@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, Matrix, instance, mapping, naming, positive_number, word
+from femsub.checks import EQUAL, InputError, InputTypeError, Matrix, instance, mapping, naming, positive_number, word
 from femsub.components import Facing, Mesh, Surface, common_points, reach, reference
 from femsub.coupling.joints import End, Joint, Link, nearest, site, stacked, title
-from femsub.errors import InputError, InputTypeError
 
 if TYPE_CHECKING:
     from femsub.model import DofMap, Substructure

@@ -14,8 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, csv_cell
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, Matrix, csv_cell
 from femsub.io.damage import assembled, check_end, check_extent, mirrored
 from femsub.model import LARGEST, DofMap
 

@@ -15,8 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import completed
-from femsub.checks import Array, installed_by, parsing
-from femsub.errors import InputError, MissingPackageError, warn
+from femsub.checks import Array, InputError, MissingPackageError, installed_by, parsing, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.atomic import scratch
 from femsub.io.damage import MOST, assembled, mirrored, run_rows

@@ -25,8 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, TypeAlias
 
 from femsub.algebra import identity, lock, opened
-from femsub.checks import content_hash, temporary
-from femsub.errors import no_room_error
+from femsub.checks import content_hash, no_room_error, temporary
 
 Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
 HASHES = "sha256"  # the key of {file: hash} in an index

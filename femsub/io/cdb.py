@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.io.damage import MOST, check_end
 from femsub.io.mesh_text import as_numbers, meshed, once, text_of, whole
 

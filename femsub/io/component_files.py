@@ -11,8 +11,19 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, mapping, path_of, positive_number, truth, word
-from femsub.errors import InputError, InputTypeError, empty_dofs_text, warn
+from femsub.checks import (
+    Array,
+    InputError,
+    InputTypeError,
+    Matrix,
+    empty_dofs_text,
+    mapping,
+    path_of,
+    positive_number,
+    truth,
+    warn,
+    word,
+)
 from femsub.io.abaqus_calculix import DIRECTIONS, HELD, dof_map, read_dofs
 from femsub.io.damage import unreadable_refused
 from femsub.io.matrix_files import guarded, read_labelled

@@ -19,8 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import available
-from femsub.checks import Array
-from femsub.errors import InputError, NotEnoughMemoryError, warn
+from femsub.checks import Array, InputError, NotEnoughMemoryError, warn
 
 #: exceptions of NumPy, SciPy, h5py, pyyeti, meshio and Python's own readers, which trust the sizes in a file
 THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError, ImportError, LookupError, NameError, OSError,

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError, warn
+from femsub.checks import Array, InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import assembled, check_end, check_extent, check_lines
 from femsub.io.nastran import KNOWN, bulk_of, cards_in

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.io.damage import THROWN, check_end, check_room, head_of
 from femsub.io.mesh_text import as_numbers, meshio, text_of
 

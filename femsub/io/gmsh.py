@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.io.damage import Cursor, head_of
 from femsub.io.mesh_text import as_numbers, once, rows_of, text_of
 

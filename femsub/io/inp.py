@@ -17,8 +17,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.io.damage import MOST
 from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, meshed, once, rows_of, whole_numbers, without_copies
 

@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, package
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, Matrix, package
 from femsub.io.damage import Cursor, check_extent, check_indices, check_room
 
 HDF = b"\x89HDF\r\n"

@@ -12,8 +12,7 @@ from typing import IO, Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, parsing, path_of, shown, word
-from femsub.errors import FemsubError, InputError
+from femsub.checks import Array, FemsubError, InputError, Matrix, parsing, path_of, shown, word
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.ansys import read_full
 from femsub.io.damage import THROWN, check_extent, check_indices, check_room, head_of, unreadable_refused

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from femsub.checks import Matrix
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, Matrix, unknown_name
 from femsub.io.abaqus_calculix import lines_of_numbers
 from femsub.io.damage import assembled, check_end, check_extent
 

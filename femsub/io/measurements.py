@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array, choice, path_of
-from femsub.errors import InputError, warn
+from femsub.checks import Array, InputError, choice, path_of, warn
 from femsub.io.damage import unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
 from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, Sets, apart, data_sets, nodes_of, origin_of

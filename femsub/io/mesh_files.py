@@ -12,9 +12,8 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from femsub.checks import Array, as_word, choice, instance, mapping, path_of, word
+from femsub.checks import Array, InputError, as_word, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
-from femsub.errors import InputError
 from femsub.io.atomic import scratch, write_whole
 from femsub.io.cdb import read_cdb
 from femsub.io.damage import head_of, unreadable_refused

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, is_file, package, resolved
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, is_file, package, resolved
 
 DEEPEST = 9  # largest depth of nested includes
 MOST_INCLUDED = 1000  # files that a deck includes, one as often as it is included

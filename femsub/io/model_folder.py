@@ -14,8 +14,7 @@ from typing import Any, BinaryIO
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Matrix, as_word, choice, instance, path_of, unlike
-from femsub.errors import InputError
+from femsub.checks import InputError, Matrix, as_word, choice, instance, path_of, unlike
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
 from femsub.io.atomic import HASHES, Writer, content_sum, hashed, newest, scratch, summed, write_whole
 from femsub.io.matrix_files import read_together

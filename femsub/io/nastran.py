@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, is_file
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, is_file
 from femsub.io.damage import check_end
 from femsub.io.mesh_text import Deck, as_numbers, meshed, text_of, whole_numbers, without_copies
 

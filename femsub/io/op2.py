@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from femsub.checks import Array, Matrix
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, Matrix
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import Cursor, assembled, check_extent, check_partners, run_rows
 from femsub.io.dmig import Entries, Form

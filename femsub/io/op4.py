@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, package
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, Matrix, package
 from femsub.io.damage import Cursor, assembled, check_extent, check_partners, run_rows
 from femsub.io.dmig import Form
 

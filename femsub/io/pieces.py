@@ -9,10 +9,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, hash_of, instance, items, mapping, path_of, unlike, whole_number, word
+from femsub.checks import (
+    Array,
+    InputError,
+    InputTypeError,
+    hash_of,
+    instance,
+    items,
+    mapping,
+    path_of,
+    unlike,
+    whole_number,
+    word,
+)
 from femsub.components import Mesh
 from femsub.coupling import PLACES, cut_mesh
-from femsub.errors import InputError, InputTypeError
 from femsub.io.mesh_files import read_mesh, write_mesh
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array
-from femsub.errors import InputError, warn
+from femsub.checks import Array, InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import assembled, check_extent, check_room
 

@@ -12,8 +12,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, choice, instance, path_of, whole_number, whole_numbers
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, choice, instance, path_of, whole_number, whole_numbers
 from femsub.io.abaqus_calculix import DIRECTIONS, write_dofs
 from femsub.io.atomic import Writer, write_whole
 from femsub.io.damage import announced

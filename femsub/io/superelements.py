@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EQUAL, POSITION, Array, Matrix
-from femsub.errors import InputError, warn
+from femsub.checks import EQUAL, POSITION, Array, InputError, Matrix, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, TextMatrix
 from femsub.io.damage import MOST, check_room
 from femsub.io.dmig import cards_of, dmig_of, quadruples, whole

@@ -12,8 +12,18 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix, weighted
-from femsub.checks import Array, Matrix, finite_number, items, limit_of, shown
-from femsub.errors import FemsubError, InputError, InputTypeError, unknown_name
+from femsub.checks import (
+    Array,
+    FemsubError,
+    InputError,
+    InputTypeError,
+    Matrix,
+    finite_number,
+    items,
+    limit_of,
+    shown,
+    unknown_name,
+)
 from femsub.model.intervals import range_of
 from femsub.model.jets import Jet, jet_of
 from femsub.model.pencil import Pencil, basis_of, look_at_the_order, projected

@@ -14,8 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, items, shown, whole_numbers
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.checks import Array, InputError, InputTypeError, Matrix, finite_number, items, shown, unknown_name, whole_numbers
 from femsub.model.dof_map import MOTIONS, DofMap, first_apart
 from femsub.model.substructure import ReducedSubstructure, Substructure
 

@@ -20,8 +20,7 @@ from femsub.algebra import (
     unit_length,
     units,
 )
-from femsub.checks import Array, Matrix
-from femsub.errors import SingularMatrixError, empty_dofs_error
+from femsub.checks import Array, Matrix, SingularMatrixError, empty_dofs_error
 from femsub.model.rigid_motion import Restricted, changed
 
 if TYPE_CHECKING:

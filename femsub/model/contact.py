@@ -16,8 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Frozen, as_matrix
-from femsub.checks import Array, Matrix, items, mapping, naming, real_array, shown, word
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.checks import Array, InputError, InputTypeError, Matrix, items, mapping, naming, real_array, shown, unknown_name, word
 
 log = logging.getLogger(__name__)
 

@@ -9,8 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, items, real_array, whole_numbers, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import Array, InputError, items, real_array, unknown_name, whole_numbers, word
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")

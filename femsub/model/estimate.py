@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.model.bands import DOUBLE, SMALL_SHARE, distance_outside
 
 SHARE = 0.7  # a band ends below this share of the cut-off: the neglected terms of a series in (ω/ω_cut)² then stay below 1/2

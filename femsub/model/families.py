@@ -19,8 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import as_matrix, without_rounding
-from femsub.checks import EPS, EQUAL, Array, Matrix, instance, interval, items, mapping, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import EPS, EQUAL, Array, InputError, Matrix, instance, interval, items, mapping, unknown_name, word
 from femsub.model.affine import Affine, Theta
 from femsub.model.changes import as_changes
 from femsub.model.contact import Contacts, affine_functions, columns_of, contacts_of, fields_of, small_matrices

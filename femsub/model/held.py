@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import POSITION, Array
-from femsub.errors import InputError
+from femsub.checks import POSITION, Array, InputError
 from femsub.model.contact import Contacts, columns_of, contacts_of, small_matrices
 from femsub.model.rigid_motion import RigidMotion, Touched, by_places, driven, energy_units, found
 

@@ -30,8 +30,7 @@ from femsub.algebra import (
     without_rounding,
     without_signs,
 )
-from femsub.checks import Array, Matrix, limit_of, positive_number, real_array
-from femsub.errors import InputError, warn
+from femsub.checks import Array, InputError, Matrix, limit_of, positive_number, real_array, warn
 from femsub.model.constraints import Freed, freed
 from femsub.model.rigid_motion import Carried, Damped, Scaled, Touched, changed
 

@@ -11,8 +11,22 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import ROUNDING, Frozen, as_matrix, is_symmetric, rows_of_zeros, same, shared, translations
-from femsub.checks import EQUAL, POSITION, Array, Matrix, check_band, instance, mapping, real_array, whole_numbers, word
-from femsub.errors import InputError, empty_dofs_error, unknown_name, warn
+from femsub.checks import (
+    EQUAL,
+    POSITION,
+    Array,
+    InputError,
+    Matrix,
+    check_band,
+    empty_dofs_error,
+    instance,
+    mapping,
+    real_array,
+    unknown_name,
+    warn,
+    whole_numbers,
+    word,
+)
 from femsub.model.bands import beyond
 from femsub.model.contact import Contacts, contacts_of, small_matrices
 from femsub.model.dof_map import DofMap

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import LARGE, ROUNDING, times
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, Array, Matrix, NotConvergedError
 
 if TYPE_CHECKING:
     from femsub.algebra import Handle

@@ -8,9 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import DENSE, Matrix, finite_number, instance, items, positive_number, whole_number
+from femsub.checks import DENSE, InputError, InputTypeError, Matrix, finite_number, instance, items, positive_number, whole_number
 from femsub.components import not_negative, pair, proportional
-from femsub.errors import InputError, InputTypeError
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import all_modes, lowest_modes
 from femsub.modes.shift_invert import ShiftInvert

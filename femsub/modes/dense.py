@@ -7,8 +7,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, ROUNDING, SINGULAR
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import NotConvergedError, SingularMatrixError
+from femsub.checks import EPS, Array, Matrix, NotConvergedError, SingularMatrixError
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:

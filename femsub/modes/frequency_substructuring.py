@@ -22,8 +22,23 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, Array, instance, items, mapping, naming, positive_number, real_array, shown, word
-from femsub.errors import InputError, InputTypeError, SingularMatrixError, unknown_name, warn
+from femsub.checks import (
+    EPS,
+    Array,
+    InputError,
+    InputTypeError,
+    SingularMatrixError,
+    instance,
+    items,
+    mapping,
+    naming,
+    positive_number,
+    real_array,
+    shown,
+    unknown_name,
+    warn,
+    word,
+)
 from femsub.modes.receptance import TOL, FrequencyResponse, within
 
 MOTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")  # of a virtual point

@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import POSITION, Array, Matrix, instance, whole_number, whole_numbers, word
-from femsub.errors import InputError
+from femsub.checks import POSITION, Array, InputError, Matrix, instance, whole_number, whole_numbers, word
 from femsub.model import (
     MOTIONS,
     TRANSLATIONS,

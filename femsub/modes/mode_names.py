@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import POSITION, Array, instance
-from femsub.errors import InputError
+from femsub.checks import POSITION, Array, InputError, instance
 from femsub.model import AXES, DofMap, ReducedSubstructure, Substructure, by_places
 from femsub.modes.shift_invert import motion_of
 

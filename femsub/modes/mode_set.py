@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import Array, instance, items, positive_number, rows, shown
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, instance, items, positive_number, rows, shown
 from femsub.model import MOTIONS, DofMap, ReducedSubstructure, Substructure
 from femsub.modes.normal_modes import moved
 from femsub.modes.quadratic.matching import CLUSTER, NEAR, match

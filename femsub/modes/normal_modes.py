@@ -34,16 +34,23 @@ from femsub.algebra import (
     times,
     without_signs,
 )
-from femsub.checks import DENSE, EPS, EQUAL, Array, Matrix, Tally, shown, whole_number
-from femsub.errors import (
+from femsub.checks import (
+    DENSE,
+    EPS,
+    EQUAL,
+    Array,
     ConditionWarning,
     FemsubError,
     InputError,
     InputTypeError,
+    Matrix,
     MissedModesError,
     NotConvergedError,
     SingularMatrixError,
+    Tally,
+    shown,
     warn,
+    whole_number,
 )
 from femsub.model import DOUBLE, MOTIONS, TRANSLATIONS, Substructure, in_band, usable_band, widened
 from femsub.modes.charts import frequencies_chart

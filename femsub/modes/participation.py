@@ -12,8 +12,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 from scipy.sparse.linalg import cg
 
-from femsub.checks import EPS, Array, instance, mapping, real_array, word
-from femsub.errors import InputError, NotConvergedError
+from femsub.checks import EPS, Array, InputError, NotConvergedError, instance, mapping, real_array, word
 from femsub.model import MOTIONS, ReducedSubstructure, Substructure
 from femsub.modes import all_modes
 from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table, column, fitted

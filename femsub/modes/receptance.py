@@ -29,7 +29,11 @@ from femsub.algebra import BLOCK, SMALL, WIDE, Frozen, halves, shared_factor
 from femsub.checks import (
     EPS,
     Array,
+    FemsubError,
+    InputError,
+    InputTypeError,
     Matrix,
+    SingularMatrixError,
     Tally,
     choice,
     instance,
@@ -39,9 +43,9 @@ from femsub.checks import (
     real_array,
     rows,
     shown,
+    unknown_name,
     whole_number,
 )
-from femsub.errors import FemsubError, InputError, InputTypeError, SingularMatrixError, unknown_name
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, beyond, contacts_of, small_matrices
 from femsub.modes.charts import receptances_chart
 from femsub.modes.noise import Noise

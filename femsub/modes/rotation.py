@@ -23,9 +23,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femsub.algebra import Frozen
-from femsub.checks import POSITION, Array, Matrix, choice, finite_number, instance, real_array
+from femsub.checks import (
+    POSITION,
+    Array,
+    FemsubWarning,
+    InputError,
+    InputTypeError,
+    Matrix,
+    choice,
+    finite_number,
+    instance,
+    real_array,
+    warn,
+)
 from femsub.components import KINDS, Material, Mesh, Pattern, at_points, boundary_faces, corner_nodes, materials_of, node_rows
-from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
 from femsub.model import TRANSLATIONS, Substructure
 from femsub.modes.shift_invert import ShiftInvert
 

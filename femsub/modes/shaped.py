@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from femsub.checks import Array, whole_numbers
+from femsub.checks import Array, InputError, whole_numbers
 from femsub.components import joined_shapes, moved_fields, shapes_figure, turned
-from femsub.errors import InputError
 from femsub.output import Displayed, figure_of, units_of
 
 if TYPE_CHECKING:

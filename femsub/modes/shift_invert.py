@@ -37,8 +37,7 @@ from femsub.algebra import (
     translations,
     unit_length,
 )
-from femsub.checks import DENSE, EPS, Array, Matrix
-from femsub.errors import ConditionWarning, SingularMatrixError, warn
+from femsub.checks import DENSE, EPS, Array, ConditionWarning, Matrix, SingularMatrixError, warn
 from femsub.model import (
     MIXED,
     SOFT,

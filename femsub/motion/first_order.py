@@ -38,8 +38,7 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, Array, Matrix, NotConvergedError
 from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, State, massless
 
 TINY = float(np.finfo(float).tiny)

@@ -30,8 +30,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Handle, factorise
-from femsub.checks import EPS, EQUAL, Array, Matrix
-from femsub.errors import NotConvergedError, SingularMatrixError
+from femsub.checks import EPS, EQUAL, Array, Matrix, NotConvergedError, SingularMatrixError
 from femsub.motion.first_order import Balance
 from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, State, mass_solve, massless
 

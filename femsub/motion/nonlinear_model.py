@@ -18,9 +18,20 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import factorise
-from femsub.checks import EPS, Array, Matrix, finite_number, instance, naming, real_array
+from femsub.checks import (
+    EPS,
+    Array,
+    InputError,
+    InputTypeError,
+    Matrix,
+    NotConvergedError,
+    SingularMatrixError,
+    finite_number,
+    instance,
+    naming,
+    real_array,
+)
 from femsub.coupling import Belt, width_of
-from femsub.errors import InputError, InputTypeError, NotConvergedError, SingularMatrixError
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
 from femsub.modes import ShiftInvert
 

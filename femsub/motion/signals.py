@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, interval, real_array, whole_number
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, finite_number, interval, real_array, whole_number
 from femsub.motion.charts import spectrogram_chart, spectrum_chart
 from femsub.output import Chart, Displayed, Table, column
 

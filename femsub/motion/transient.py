@@ -17,6 +17,7 @@ from femsub.algebra import QUADRATIC, WIDE
 from femsub.checks import (
     EPS,
     Array,
+    InputError,
     Interruptible,
     choice,
     finite_number,
@@ -25,11 +26,11 @@ from femsub.checks import (
     items,
     listener,
     positive_number,
+    unknown_name,
     whole_number,
     word,
 )
 from femsub.coupling import STICKING
-from femsub.errors import InputError, unknown_name
 from femsub.motion.charts import Track, motion_chart
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.generalised_alpha import AlphaFlow

@@ -7,8 +7,7 @@ import io
 from html import escape
 from typing import Any
 
-from femsub.checks import package
-from femsub.errors import InputError
+from femsub.checks import InputError, package
 from femsub.output.charts import Chart
 from femsub.output.figures import draw, figure_of
 from femsub.output.tables import Table

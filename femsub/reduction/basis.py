@@ -11,8 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import BLOCK, phase, shared_zeros, times
-from femsub.checks import Array, Matrix
-from femsub.errors import SingularMatrixError
+from femsub.checks import Array, Matrix, SingularMatrixError
 from femsub.modes import NormalModes, ShiftInvert, count_deferred, independent
 
 if TYPE_CHECKING:

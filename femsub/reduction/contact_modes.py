@@ -9,8 +9,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import ROUNDING
-from femsub.checks import Array, truth, word
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, truth, word
 from femsub.model import Affine, ReducedSubstructure, Substructure, contact_matrix, contacts_at, contacts_of, small_matrices
 from femsub.reduction.basis import Basis, Kept, Partition, Statics, projected
 from femsub.reduction.free_interface import FreeInterface

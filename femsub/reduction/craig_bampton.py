@@ -10,8 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import FEW, ROUNDING, SUMS, divided, fork_pays, one_thread, without
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import ConditionWarning, InputError, warn
+from femsub.checks import EPS, Array, ConditionWarning, InputError, Matrix, warn
 from femsub.model import Substructure, annihilates_a_translation, bare, costs, loose_by_places, rounding, soft_springs, units
 from femsub.modes import IN_PARTS, ShiftInvert, motion_of
 from femsub.reduction.basis import Partition, Statics, zeros

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, EQUAL, Array
-from femsub.errors import InputError
+from femsub.checks import EPS, EQUAL, Array, InputError
 from femsub.reduction.basis import Basis, Partition, Statics
 from femsub.reduction.method import Method
 

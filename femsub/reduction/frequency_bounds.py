@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, POSITION, Array, Tally, instance, whole_number
+from femsub.checks import EPS, POSITION, Array, InputError, Tally, instance, whole_number
 from femsub.coupling import System, rows_of_parts
-from femsub.errors import InputError
 from femsub.model import Origin, ReducedSubstructure, Substructure
 from femsub.modes import ShiftInvert, lowest_modes, modes_below
 

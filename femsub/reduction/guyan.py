@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg as la
 
-from femsub.errors import NotConvergedError
+from femsub.checks import NotConvergedError
 from femsub.model import Pencil, Substructure
 from femsub.modes import ShiftInvert, lowest_modes
 from femsub.reduction.basis import Kept, Partition, Statics

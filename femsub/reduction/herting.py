@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from femsub.checks import Array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError
 from femsub.modes import ShiftInvert
 from femsub.reduction.basis import Kept, Partition, Statics
 from femsub.reduction.craig_bampton import CraigBampton

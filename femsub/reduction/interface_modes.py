@@ -12,9 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import DEPENDENT, ROUNDING, comparable, congruent, groups
-from femsub.checks import DENSE, EPS, Array, Matrix
+from femsub.checks import DENSE, EPS, Array, InputError, Matrix, NotConvergedError
 from femsub.coupling import System, rows_of_parts, units_of_energy
-from femsub.errors import InputError, NotConvergedError
 from femsub.model import ReducedSubstructure, Substructure, units
 from femsub.modes import ShiftInvert, all_modes
 from femsub.reduction.basis import Basis, Partition, Statics, square, structural, zeros

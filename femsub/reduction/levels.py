@@ -23,9 +23,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from femsub.algebra import DamagedFileError, Files, check_workers, files_of, load, most_memory, only_one, side_by_side, store
-from femsub.checks import Array, choice, instance, mapping, path_of, word
+from femsub.checks import Array, InputError, InputTypeError, choice, instance, mapping, path_of, warn, word
 from femsub.coupling import Rigid, System, couple, rows_of_parts
-from femsub.errors import InputError, InputTypeError, warn
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.reduction.basis import Partition
 from femsub.reduction.craig_bampton import CraigBampton

@@ -13,8 +13,22 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import SMALL, WORK, check_memory, kept_free, one_thread, units as energy_units, without
-from femsub.checks import DENSE, EPS, EQUAL, Array, Matrix, positive_number, shown, whole_number
-from femsub.errors import ConditionWarning, InputError, InputTypeError, PortWarning, SingularMatrixError, warn
+from femsub.checks import (
+    DENSE,
+    EPS,
+    EQUAL,
+    Array,
+    ConditionWarning,
+    InputError,
+    InputTypeError,
+    Matrix,
+    PortWarning,
+    SingularMatrixError,
+    positive_number,
+    shown,
+    warn,
+    whole_number,
+)
 from femsub.model import (
     SHARE,
     Affine,

@@ -21,8 +21,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import by_threads
-from femsub.checks import EPS, Array
-from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
+from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges

@@ -15,6 +15,7 @@ from femsub.checks import (
     EPS,
     NOT_CHECKED,
     Array,
+    InputError,
     Tally,
     check_band,
     finite_number,
@@ -25,7 +26,6 @@ from femsub.checks import (
     real_array,
     whole_number,
 )
-from femsub.errors import InputError
 from femsub.model import DOUBLE, Affine, in_band
 from femsub.modes import ComplexModes, Contour, eigenpairs
 from femsub.reduction.states import States, improved, listed, seen

@@ -12,9 +12,8 @@ from typing import Any, overload
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, reduction_bytes, reused_memory, same, side_by_side
-from femsub.checks import DENSE, choice, instance, shown
+from femsub.checks import DENSE, InputError, InputTypeError, WorkerError, choice, instance, shown
 from femsub.coupling import Belt, System
-from femsub.errors import InputError, InputTypeError, WorkerError
 from femsub.model import Affine, Contacts, ReducedSubstructure, Substructure, family_of
 from femsub.reduction.basis import assembled
 from femsub.reduction.contact_modes import ContactModes

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import WORK, kept_free, one_thread
-from femsub.checks import Array, whole_number
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, whole_number
 from femsub.modes import lightest
 from femsub.reduction.basis import assembled, in_blocks, labelled, port_errors, projected
 from femsub.reduction.estimates.nested import Nested

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, Array, NotConvergedError
 from femsub.model import SMALL_SHARE, Affine, Estimate, Pencil, distance_outside, doubled, upper
 from femsub.modes import solve
 from femsub.reduction.estimates.nested import MARGIN, compared

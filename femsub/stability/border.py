@@ -13,8 +13,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import FEW, is_symmetric, one_thread
-from femsub.checks import EPS, EQUAL, Array
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, EQUAL, Array, NotConvergedError
 from femsub.model import REAL_ROOT, Pencil, in_band
 from femsub.modes import PortFunction, definite_form
 from femsub.stability.crossings import ASIDE

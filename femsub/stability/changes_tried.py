@@ -13,8 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import block_diag
 
-from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, whole_number, word
-from femsub.errors import InputError
+from femsub.checks import EPS, Array, InputError, Matrix, finite_number, instance, items, mapping, whole_number, word
 from femsub.model import SHARE, Change, ChangeTerm, ReducedSubstructure, Substructure, added, as_changes, usable_band
 from femsub.modes import all_modes, beside_the_full, each_of, match
 from femsub.output import Chart, Displayed, Table, column

@@ -12,9 +12,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from femsub.checks import choice, finite_number, instance, items, positive_number, shown
+from femsub.checks import (
+    InputError,
+    InputTypeError,
+    UnstableModelError,
+    choice,
+    finite_number,
+    instance,
+    items,
+    positive_number,
+    shown,
+)
 from femsub.coupling import Belt
-from femsub.errors import InputError, InputTypeError, UnstableModelError
 from femsub.model import (
     Affine,
     Contact,

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femsub.algebra import FEW, WIDE, one_thread
-from femsub.checks import Tally
-from femsub.errors import InputError
+from femsub.checks import InputError, Tally
 from femsub.model import in_band
 from femsub.stability.crossings import ASIDE, Found, change, extrapolated, settled
 from femsub.stability.exclusion import Family, Stretch

@@ -29,8 +29,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import equilibration, scaled
-from femsub.checks import EPS, Array
-from femsub.errors import InputError
+from femsub.checks import EPS, Array, InputError
 from femsub.model import SAMPLES
 from femsub.modes import REGULAR, definite_form
 from femsub.stability.parameter import PencilOver

@@ -42,8 +42,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, Tally
-from femsub.errors import FemsubWarning, NotConvergedError, warn
+from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, FemsubWarning, NotConvergedError, Tally, warn
 from femsub.model import Pencil, in_band
 from femsub.modes import (
     UNCOUNTED,

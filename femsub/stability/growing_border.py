@@ -8,8 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import FEW, is_symmetric, one_thread, orthonormal, unresisted
-from femsub.checks import EPS, EQUAL, Array
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, EQUAL, Array, NotConvergedError
 from femsub.model import Pencil, contact_matrix, in_band, units
 from femsub.modes import PortFunction, ShiftInvert, complex_modes, independent, lowest_modes, modes_below, port_responses
 from femsub.stability.border import OUTSIDE, Band, Border, ModalContact, dense_border

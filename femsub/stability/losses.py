@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from femsub.checks import CutoffWarning, FemsubError, InputError
 from femsub.coupling import Belt
-from femsub.errors import CutoffWarning, FemsubError, InputError
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of, family_of
 from femsub.stability.critical_value import critical_slope, first_value
 from femsub.stability.parameter import pencil_over

@@ -16,8 +16,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, instance, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import Array, InputError, Matrix, instance, unknown_name, word
 from femsub.model import (
     COLUMNS_ALONE,
     DUST,

@@ -24,8 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE, negative_eigenvalues
-from femsub.checks import EQUAL, Array, Tally
-from femsub.errors import CutoffWarning, FemsubError, InputError, warn
+from femsub.checks import EQUAL, Array, CutoffWarning, FemsubError, InputError, Tally, warn
 from femsub.model import SHARE, Pencil, ReducedSubstructure, Substructure, contacts_of
 from femsub.stability.border import Band, Border, ModalContact, dense_border
 from femsub.stability.crossings import Crossing, change, weight

@@ -9,8 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, Tally, listener, mapping, real_array, truth, until, whole_number, word
-from femsub.errors import FemsubWarning, InputError, InputTypeError, warn
+from femsub.checks import (
+    Array,
+    FemsubWarning,
+    InputError,
+    InputTypeError,
+    Tally,
+    listener,
+    mapping,
+    real_array,
+    truth,
+    until,
+    warn,
+    whole_number,
+    word,
+)
 from femsub.model import Affine, Contacts, Substructure, family_of, usable_band
 from femsub.output import Chart, Displayed, Table
 from femsub.stability.exclusion import is_mirrored

@@ -32,8 +32,21 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import EPS, Array, Matrix, finite_number, instance, items, mapping, positive_number, truth, whole_numbers, word
-from femsub.errors import InputError, unknown_name
+from femsub.checks import (
+    EPS,
+    Array,
+    InputError,
+    Matrix,
+    finite_number,
+    instance,
+    items,
+    mapping,
+    positive_number,
+    truth,
+    unknown_name,
+    whole_numbers,
+    word,
+)
 from femsub.model import Affine, Jet, Substructure, as_changes, contacts_of, family_of, fields_of, kinks_of
 from femsub.modes import ComplexModes, corrected, left_by_symmetric_factor, left_slope, pencil_of, slope, solver_near
 from femsub.output import Chart, Displayed, Table, column

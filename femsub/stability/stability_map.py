@@ -10,8 +10,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import NOT_CHECKED, Array, instance, items, listener, mapping, real_array, until, whole_number, word
-from femsub.errors import InputError, InputTypeError, unknown_name
+from femsub.checks import (
+    NOT_CHECKED,
+    Array,
+    InputError,
+    InputTypeError,
+    instance,
+    items,
+    listener,
+    mapping,
+    real_array,
+    unknown_name,
+    until,
+    whole_number,
+    word,
+)
 from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
 from femsub.output import Chart, Displayed, Table
 from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from femsub.algebra import QUADRATIC, check_workers, factorise, side_by_side
-from femsub.checks import EPS, Array, real_array, until
-from femsub.errors import FemsubWarning, InputError, SingularMatrixError, warn
+from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixError, real_array, until, warn
 from femsub.model import Affine, Contacts, Pencil, Substructure, in_band
 from femsub.modes import complex_modes, eigenvalues, modal_form
 from femsub.output import Chart, Displayed, Table, column

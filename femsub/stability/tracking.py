@@ -21,8 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, WIDE
-from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, real_array, until, whole_number
-from femsub.errors import FemsubWarning, InputError, warn
+from femsub.checks import EPS, EQUAL, NOT_CHECKED, Array, FemsubWarning, InputError, real_array, until, warn, whole_number
 from femsub.model import DOUBLE, Affine, Contacts, Pencil, Substructure, in_band, upper
 from femsub.modes import UNCOUNTED, Region, assigned, clusters, search, with_bars
 from femsub.output import Chart, Displayed, Table, column, damping_percent

@@ -15,8 +15,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub import checks
-from femsub.checks import DENSE, EPS, EQUAL, Array, Tally
-from femsub.errors import FemsubError, InputError, InputTypeError
+from femsub.checks import DENSE, EPS, EQUAL, Array, FemsubError, InputError, InputTypeError, Tally
 from femsub.model import DofMap, Pencil, ReducedSubstructure, RigidMotion, Substructure, units
 from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_under, motion_of
 from femsub.reduction.frequency_bounds import frequency_bounds

@@ -13,9 +13,21 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
-from femsub.checks import Array, instance, interval, items, listener, real_array, whole_number, word
+from femsub.checks import (
+    Array,
+    FemsubError,
+    InputError,
+    PortWarning,
+    instance,
+    interval,
+    items,
+    listener,
+    real_array,
+    unknown_name,
+    whole_number,
+    word,
+)
 from femsub.coupling import Rigid, System, couple
-from femsub.errors import FemsubError, InputError, PortWarning, unknown_name
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, usable_band
 from femsub.modes import (
     ComplexModes,

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, finite_number, instance, positive_number, real_array
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, finite_number, instance, positive_number, real_array
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, within
 from femsub.modes import ComplexModes, complex_modes, frequency_response, likeness, listed, match
 from femsub.motion import project

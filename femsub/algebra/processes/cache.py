@@ -17,8 +17,7 @@ from typing import Any, TypeVar
 
 from femsub.algebra.processes.memory import available
 from femsub.algebra.processes.system import held_during_forks, variable
-from femsub.checks import Matrix
-from femsub.errors import InputError
+from femsub.checks import InputError, Matrix
 
 T = TypeVar("T")
 Key = tuple[tuple[int, ...], Hashable]

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from femsub.errors import InputError, no_room_error
+from femsub.checks import InputError, no_room_error
 
 MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
 ALIVE = "alive"  # a file that is locked as long as a run lives

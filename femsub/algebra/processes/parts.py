@@ -31,8 +31,18 @@ from femsub.algebra.processes.stored import bytes_of, load, store
 from femsub.algebra.processes.system import environment_of_workers
 from femsub.algebra.processes.threads import BRINGING, one_thread
 from femsub.algebra.processes.waiting import first_done, is_stopped
-from femsub.checks import shown, temporary, whole_number
-from femsub.errors import FemsubError, FemsubWarning, InputError, InputTypeError, WorkerError, no_room_error, warn
+from femsub.checks import (
+    FemsubError,
+    FemsubWarning,
+    InputError,
+    InputTypeError,
+    WorkerError,
+    no_room_error,
+    shown,
+    temporary,
+    warn,
+    whole_number,
+)
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor, Future, ProcessPoolExecutor

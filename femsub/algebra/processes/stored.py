@@ -18,8 +18,7 @@ from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
 
-from femsub.checks import Array, hash_of, parsing, unlike
-from femsub.errors import InputError, no_room_error
+from femsub.checks import Array, InputError, hash_of, no_room_error, parsing, unlike
 
 PICKLE = "pickle"  # a file with all but the arrays, and behind it its SHA-256
 Files: TypeAlias = Mapping[str, tuple[int, str]]  # size and hash by name

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub.app.keys import check_value, key, keys_of
 from femsub.app.kinds import Kind
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result, Table, column
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub import Substructure

@@ -14,7 +14,7 @@ from femsub.app.asks.cycles import CyclesAsk, small
 from femsub.app.asks.motion import whole
 from femsub.app.keys import key
 from femsub.app.result import Result, Table, column, label
-from femsub.errors import InputError, NoCycleError, NotConvergedError, unknown_name
+from femsub.checks import InputError, NoCycleError, NotConvergedError, unknown_name
 
 if TYPE_CHECKING:
     from femsub import Belt, Branch, Substructure

@@ -12,7 +12,7 @@ from femsub import ReducedSubstructure, studies
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
-from femsub.errors import InputError, first_few
+from femsub.checks import InputError, first_few
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

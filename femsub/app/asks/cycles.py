@@ -12,7 +12,7 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result, Table, column, label, studies
-from femsub.errors import InputError, NoCycleError, NotConvergedError
+from femsub.checks import InputError, NoCycleError, NotConvergedError
 
 if TYPE_CHECKING:
     from femsub import Substructure

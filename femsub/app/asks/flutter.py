@@ -11,7 +11,7 @@ import femsub as fs
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result, Table, label
-from femsub.errors import InputError
+from femsub.checks import InputError
 from femsub.output import damping_percent
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of, shown
 from femsub.app.keys import key
 from femsub.app.result import Result, studies
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

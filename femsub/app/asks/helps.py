@@ -9,7 +9,7 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of
 from femsub.app.keys import key
 from femsub.app.result import Result, column
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -9,7 +9,7 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
-from femsub.errors import InputError
+from femsub.checks import InputError
 from femsub.io import FORMATS, model_files
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ import femsub as fs
 from femsub.app.asks import WHICH, Ask
 from femsub.app.keys import key
 from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
-from femsub.checks import Interruptible
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, Interruptible, unknown_name
 
 if TYPE_CHECKING:
     from femsub import ComplexModes, Transient

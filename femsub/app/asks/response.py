@@ -11,7 +11,7 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Advice, Result, Table, column, label
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -13,7 +13,7 @@ import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result, Table, column, studies
-from femsub.errors import InputError, PortWarning
+from femsub.checks import InputError, PortWarning
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from femsub import coupling
 from femsub.app.contacts import ContactKind
 from femsub.app.keys import key
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub import Mesh

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import femsub as fs
 from femsub.app.joints import JointKind
 from femsub.app.keys import key
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub import Mesh

@@ -10,7 +10,7 @@ import femsub as fs
 from femsub.app.ends import GROUND
 from femsub.app.joints import JointKind
 from femsub.app.keys import key
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub import Mesh

@@ -12,7 +12,7 @@ import femsub as fs
 from femsub.app.ends import End
 from femsub.app.keys import key
 from femsub.app.kinds import Kind
-from femsub.errors import FemsubError, InputError, unknown_name
+from femsub.checks import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub import Material, Mesh, Substructure

@@ -15,7 +15,7 @@ from femsub.app.expressions import Expression, Factor
 from femsub.app.keys import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
-from femsub.errors import InputError
+from femsub.checks import InputError
 from femsub.io import read_aligned
 
 if TYPE_CHECKING:

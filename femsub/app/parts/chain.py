@@ -11,7 +11,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.keys import key
 from femsub.app.parts import Made, Part, PartSite
-from femsub.errors import InputError
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub import Mesh, Substructure

@@ -9,7 +9,7 @@ import femsub as fs
 from femsub.app.ends import End
 from femsub.app.keys import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
-from femsub.errors import unknown_name
+from femsub.checks import unknown_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -12,7 +12,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.keys import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, motions, rates
-from femsub.errors import InputError, unknown_name
+from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
     from femsub import Material, Mesh

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
-from femsub.checks import EPS, EQUAL, Array, finite_number, real_array, shown, word
-from femsub.errors import FemsubError, InputError, InputTypeError
+from femsub.checks import EPS, EQUAL, Array, FemsubError, InputError, InputTypeError, finite_number, real_array, shown, word
 
 if TYPE_CHECKING:
     from femsub.model import Substructure

@@ -14,7 +14,21 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.checks import Array, Matrix, finite_number, instance, mapping, positive_number, real_array, word
+from femsub.checks import (
+    Array,
+    InputError,
+    InputTypeError,
+    Matrix,
+    PortWarning,
+    finite_number,
+    instance,
+    mapping,
+    positive_number,
+    real_array,
+    unknown_name,
+    warn,
+    word,
+)
 from femsub.components import (
     Facing,
     Mesh,
@@ -29,7 +43,6 @@ from femsub.components import (
 )
 from femsub.coupling.joints import GROUND, Joint, Link
 from femsub.coupling.ties import motion_of_nodes, unpacked
-from femsub.errors import InputError, InputTypeError, PortWarning, unknown_name, warn
 from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 

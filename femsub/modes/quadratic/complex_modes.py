@@ -10,8 +10,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femsub.algebra import SMALL, reused_memory, unit_length
-from femsub.checks import NOT_CHECKED, Array, Matrix, Tally, check_band, instance, truth, until
-from femsub.errors import ConditionWarning, FemsubWarning, InputError, warn
+from femsub.checks import (
+    NOT_CHECKED,
+    Array,
+    ConditionWarning,
+    FemsubWarning,
+    InputError,
+    Matrix,
+    Tally,
+    check_band,
+    instance,
+    truth,
+    until,
+    warn,
+)
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.charts import modes_chart
 from femsub.modes.quadratic.bars import bars

@@ -14,8 +14,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import SUMS, ComplexFactor, SparseFactor, equilibration, plus, scaled
-from femsub.checks import EPS, EQUAL, Array, Matrix
-from femsub.errors import SingularMatrixError
+from femsub.checks import EPS, EQUAL, Array, Matrix, SingularMatrixError
 from femsub.modes.quadratic.matching import SPLIT
 
 if TYPE_CHECKING:

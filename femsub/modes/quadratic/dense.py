@@ -18,8 +18,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.algebra import FEW, ROUNDING, is_symmetric, one_thread, undamped, unit_length, unresisted
-from femsub.checks import EPS, EQUAL, Array
-from femsub.errors import InputError, SingularMatrixError
+from femsub.checks import EPS, EQUAL, Array, InputError, SingularMatrixError
 from femsub.model import RigidMotion, costs, rounding, units
 from femsub.modes.dense import dense_modes
 from femsub.modes.quadratic import singular_mass

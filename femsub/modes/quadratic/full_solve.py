@@ -9,9 +9,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import BLOCK, DenseFactor, Difference
-from femsub.checks import Array, Matrix
+from femsub.checks import Array, Matrix, SingularMatrixError
 from femsub.coupling import System, linked, rows_of_parts, sprung
-from femsub.errors import SingularMatrixError
 from femsub.modes.quadratic.energy_basis import Term
 from femsub.modes.shift_invert import ShiftInvert
 

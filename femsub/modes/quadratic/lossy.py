@@ -21,8 +21,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC, unit_length
-from femsub.checks import Array, Matrix, Tally
-from femsub.errors import ConditionWarning, InputError, warn
+from femsub.checks import Array, ConditionWarning, InputError, Matrix, Tally, warn
 from femsub.model import Pencil
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.bars import bars

@@ -40,8 +40,16 @@ from femsub.algebra import (
     translations,
     without_signs,
 )
-from femsub.checks import EPS, Array, Matrix
-from femsub.errors import FemsubError, MissedModesError, NotConvergedError, NotEnoughMemoryError, SingularMatrixError
+from femsub.checks import (
+    EPS,
+    Array,
+    FemsubError,
+    Matrix,
+    MissedModesError,
+    NotConvergedError,
+    NotEnoughMemoryError,
+    SingularMatrixError,
+)
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images

@@ -9,17 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array, Matrix, items, positive_number, whole_number
-from femsub.coupling import System
-from femsub.errors import (
+from femsub.checks import (
+    Array,
     ConditionWarning,
     FemsubWarning,
     InputError,
     InputTypeError,
+    Matrix,
     NotConvergedError,
     SingularMatrixError,
+    items,
+    positive_number,
     warn,
+    whole_number,
 )
+from femsub.coupling import System
 from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import QUADRATIC
-from femsub.checks import Array, Tally, check_band, interval, whole_number
-from femsub.errors import InputError
+from femsub.checks import Array, InputError, Tally, check_band, interval, whole_number
 from femsub.model import in_band
 
 if TYPE_CHECKING:

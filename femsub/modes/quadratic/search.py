@@ -21,13 +21,15 @@ import scipy.sparse as sp
 from numpy.linalg import LinAlgError
 
 from femsub.algebra import FEW, QUADRATIC, SMALL, WIDE, one_thread, scaled
-from femsub.checks import EPS, Array, Tally
-from femsub.errors import (
+from femsub.checks import (
+    EPS,
+    Array,
     ConditionWarning,
     FemsubWarning,
     MissedModesError,
     NotEnoughMemoryError,
     SingularMatrixError,
+    Tally,
     warn,
 )
 from femsub.modes.quadratic import dense

@@ -10,8 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import Handle, SparseFactor, Transposed, inertia, quadratic_modes, shared_factor
-from femsub.checks import EQUAL, Array
-from femsub.errors import InputError, MissedModesError, NotConvergedError, SingularMatrixError
+from femsub.checks import EQUAL, Array, InputError, MissedModesError, NotConvergedError, SingularMatrixError
 from femsub.model import DOUBLE, beyond, costs
 from femsub.modes.normal_modes import lowest_modes, modes_under
 from femsub.modes.quadratic.matching import SPLIT, clear_radius, clusters, distinct, joined, match

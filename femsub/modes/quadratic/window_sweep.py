@@ -55,8 +55,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, Array, NotConvergedError
 from femsub.modes.quadratic.axis_sweep import Line, Met, residuals_of
 from femsub.modes.quadratic.energy_basis import Coupling, each_of, eigenpairs
 

@@ -30,8 +30,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import EPS, Array
-from femsub.errors import NotConvergedError
+from femsub.checks import EPS, Array, NotConvergedError
 from femsub.motion.cycles.compliance import NEGLECTED, Compliance
 from femsub.motion.nonlinear_model import Sliding
 

@@ -18,9 +18,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import Array, choice, finite_number, listener, positive_number, truth, whole_number
+from femsub.checks import (
+    Array,
+    InputError,
+    NoCycleError,
+    NotConvergedError,
+    choice,
+    finite_number,
+    listener,
+    positive_number,
+    truth,
+    whole_number,
+)
 from femsub.coupling import Belt
-from femsub.errors import InputError, NoCycleError, NotConvergedError
 from femsub.model import Contact, Substructure, fields_of
 from femsub.motion.cycles.balance import Orbit, in_phase
 from femsub.motion.cycles.branch_chart import bifurcation_chart

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import scipy.linalg as la
 
-from femsub.checks import Array
+from femsub.checks import Array, InputError, NotConvergedError
 from femsub.coupling import Belt, with_slope
-from femsub.errors import InputError, NotConvergedError
 from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding

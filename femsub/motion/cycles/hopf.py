@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femsub.checks import Array, interval
+from femsub.checks import Array, InputError, NoCycleError, interval
 from femsub.coupling import Belt
-from femsub.errors import InputError, NoCycleError
 from femsub.motion.cycles.balance import Orbit
 from femsub.motion.cycles.compliance import Compliance, Fractions
 from femsub.motion.cycles.continuation import Path, Place

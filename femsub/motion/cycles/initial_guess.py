@@ -17,9 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import EPS, EQUAL, Array, real_array
+from femsub.checks import EPS, EQUAL, Array, InputError, NoCycleError, real_array
 from femsub.coupling import width_of
-from femsub.errors import InputError, NoCycleError
 from femsub.model import beyond
 from femsub.modes import PortFunction, eigenvalues
 from femsub.motion.cycles.balance import Orbit, coefficients, power_of_two

@@ -10,9 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, finite_number, positive_number, whole_number
+from femsub.checks import (
+    Array,
+    FemsubWarning,
+    InputError,
+    NoCycleError,
+    NotConvergedError,
+    finite_number,
+    positive_number,
+    warn,
+    whole_number,
+)
 from femsub.coupling import Belt
-from femsub.errors import FemsubWarning, InputError, NoCycleError, NotConvergedError, warn
 from femsub.motion.cycles.balance import Balance, Orbit, StepsEndedError, coefficients, in_phase, power_of_two, samples_of
 from femsub.motion.cycles.branch_chart import cycle_chart
 from femsub.motion.cycles.compliance import Compliance, Fractions, compliance

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femsub.checks import EPS, Array, finite_number, whole_number
-from femsub.errors import InputError, NotConvergedError
+from femsub.checks import EPS, Array, InputError, NotConvergedError, finite_number, whole_number
 from femsub.modes import all_modes
 from femsub.motion.cycles.branch_chart import cycle_chart
 from femsub.motion.cycles.limit_cycle import LimitCycle

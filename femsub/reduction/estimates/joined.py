@@ -14,9 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import QUADRATIC
-from femsub.checks import DENSE, EPS, Array, instance
+from femsub.checks import DENSE, EPS, Array, InputError, instance
 from femsub.coupling import System, couple, linked, rows_of_parts, sprung
-from femsub.errors import InputError
 from femsub.model import Contacts, Estimate, ReducedSubstructure, Substructure, contacts_of, small_matrices, upper
 from femsub.modes import all_modes, complex_modes, motion_of
 from femsub.reduction.basis import Statics

@@ -19,8 +19,7 @@ from typing import TypeAlias
 import numpy as np
 
 from femsub.algebra import WIDE
-from femsub.checks import Array, check_band, finite_number
-from femsub.errors import InputError, NotConvergedError
+from femsub.checks import Array, InputError, NotConvergedError, check_band, finite_number
 from femsub.model import SHARE, Estimate, Pencil, beyond
 from femsub.reduction.basis import Kept, Statics
 from femsub.reduction.estimates.found_modes import FoundModes, Span
