@@ -35,7 +35,8 @@ def commit() -> str:
 
 
 def save(path: Path, draw: Callable[[], Any]) -> None:
-    """Writes a picture, and what it shows into the file of numbers beside it."""
+    """Writes a picture, and what it shows into the file of numbers beside it; the folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     made: list[Any] = []
 
     def kept() -> Any:
@@ -53,7 +54,6 @@ def draw_all(figures: Mapping[str, Callable[[], Any]], names: Sequence[str], out
     """Draws the figures that are named, or all."""
     if strange := set(names) - set(figures):
         raise UsageError(f"unknown: {', '.join(sorted(strange))}; there are {', '.join(figures)}")
-    out.mkdir(parents=True, exist_ok=True)
     for name in names or figures:
         save(out / f"{name}.png", figures[name])
         print(out / f"{name}.png")

@@ -69,8 +69,6 @@ STEPS = (
     scene("scripts/long-chain.toml", "A chain of 100,000 masses. Beyond its border of stability."),
     scene("scripts/disc-transient.toml", "A disc in time. 10,800 DOF: what a simulated period costs, full and reduced."),
     scene("brake", "A brake. Disc and two pads with friction between them: full and reduced.", "flutter", "compare"),
-    Step("brake-over-friction", "On the first page. A brake over friction, by a small model with its proof, and a mode.",
-         "readme-picture --out {out}", ("brake-over-friction",), table=False),
     Step("bases", "Bases of a slab. Ratios against SciPy and plain SLEPc, each in one run.", "bases --repeats 1 --out {out}"),
     Step("bases-bulk", "Bases of a bulky solid. Quadratic hexahedra, where factors are dense.",
          "bases --component bulk --repeats 1 --out {out}"),

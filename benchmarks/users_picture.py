@@ -143,6 +143,5 @@ def main(*, take: Path | None = None, out: Path | None = None) -> None:
             (ROOT / page).write_text(new, encoding="utf-8")
     if out:
         rows = json.loads(DATA.read_text(encoding="utf-8"))["rows"]
-        out.mkdir(parents=True, exist_ok=True)
         save(out / "users.png", lambda: figure(rows))
         save(out / "readme.png", lambda: figure(fullest(rows)))

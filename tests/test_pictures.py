@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-import femsub as fs
 from benchmarks import users_picture as users
 from benchmarks.extreme import CASES
 from benchmarks.pictures import FACTOR, differences, lines, plain, shown
 from femsub.app.cli import main
-from femsub.app.grammar import Scene, built_in
+from femsub.app.grammar import built_in
 
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
@@ -95,29 +92,6 @@ def test_the_first_pages_begin_with_the_public_brake() -> None:
     for page, folder in (("README.md", "docs/pictures/"), ("docs/index.md", "pictures/")):
         first = re.search(r"!\[[^\]]+\]\(([^)]+)\)", (ROOT / page).read_text(encoding="utf-8"))
         assert first and first[1] == f"{folder}public-brake.png"
-
-
-def test_the_brake_over_its_friction_has_cells_and_names_what_grows() -> None:
-    shows = DATA["brake-over-friction.png"]["shows"]
-    lines = [(row["line"], row["x"], row["y"]) for row in shows if row["panel"] == "frequencies"]
-    cells = sorted((x[0], x[-1], int(re.findall(r"\d+", name)[0])) for name, x, _ in lines if name.startswith("cell: "))
-    assert any("small model" in name and name.endswith("certified") for name, *_ in lines)  # all cells, which cover the range
-    assert cells[0][0] == 0.0 and cells[-1][1] == 0.7 and all(one[1] == next_one[0] for one, next_one in pairwise(cells))
-    # each branch that grows is named by the loss of stability at which it begins to
-    losses, = ([*zip(y, x, strict=True)] for name, x, y in lines if name == "begins to grow")
-    named = [name for name, *_ in lines if "grows from" in name]
-    assert len(losses) == 5 and named == [f"{hertz:,.0f} Hz, grows from μ = {mu:.4f}" for hertz, mu in losses]
-
-
-@pytest.mark.slow
-def test_the_brake_over_its_friction_is_that_of_today() -> None:
-    """The mode that is drawn on the mesh, by the full model."""
-    (mu, hertz), (_, growth) = ((row["x"][0], row["y"][0]) for row in DATA["brake-over-friction.png"]["shows"]
-                                if row.get("line") == "mode on the right")
-    brake, omega = Scene.from_file("brake").models, 2 * np.pi * hertz
-    modes = fs.complex_modes(brake.full, brake.at({"mu": mu}), band=(0.998 * omega, 1.002 * omega))
-    assert np.abs(modes.eigenvalues / complex(growth, omega) - 1).min() < 1e-3  # of its four digits
-    assert modes.growth == pytest.approx(growth, rel=1e-3)
 
 
 def test_pictures_and_pages_tell_of_other_programs_what_was_measured() -> None:

@@ -15,12 +15,23 @@ import pytest
 
 import femsub as fs
 from benchmarks.over_a_range import BAND
-from benchmarks.public_brake_picture import TURN, brake, printed, unlike
+from benchmarks.public_brake_picture import TURN, brake, printed
+from femsub.checks import Array
 from femsub.output import damping_percent
 
 ROOT = Path(__file__).resolve().parents[1]
 M0 = ROOT.parent / "shared" / "brake-m0"
 SHOWN = json.loads((ROOT / "docs" / "pictures" / "data.json").read_text(encoding="utf-8"))["public-brake.png"]["shows"]
+
+
+def unlike(found: Array, theirs: Array, radius: Array | float = 0.0) -> list[complex]:
+    """λ of each list that the other lacks: a part differs by more than a unit in the fourth digit and `radius`."""
+    def digits(value: Array) -> Array:
+        return 10.0 ** (np.floor(np.log10(np.abs(value))) - 3)
+
+    apart, radii = found[:, None] - theirs, np.broadcast_to(radius, found.shape)[:, None]
+    alike = (np.abs(apart.real) <= digits(theirs.real) + radii) & (np.abs(apart.imag) <= digits(theirs.imag) + radii)
+    return [*found[~alike.any(axis=1)], *theirs[~alike.any(axis=0)]]
 
 
 def test_lists_that_differ_by_a_digit_or_a_mode_are_seen() -> None:
