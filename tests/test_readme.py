@@ -4,7 +4,6 @@ A page is one test: it runs from top to bottom, its ```python blocks in one name
 that follows is their output, and is compared by the rules of benchmarks/pages.py: numbers to the digits shown, `…` stands for
 anything. A block that prints must show what. `python -m benchmarks pages docs/x.md` does the same for one page, and `--write`
 puts the output into it. A page of more than some 3 s has a comment `<!-- slow -->`.
-One of half a minute, whose numbers other tests have, has `<!-- rare -->`.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def blocks(language: str) -> list[str]:
 
 
 def slow(page: str) -> Any:
-    return next((getattr(pytest.mark, name) for name in ("slow", "rare") if f"<!-- {name} -->" in TEXTS[page]), ())
+    return pytest.mark.slow if "<!-- slow -->" in TEXTS[page] else ()
 
 
 def prose(page: str) -> list[str]:

@@ -100,11 +100,10 @@ def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
 def modes_chart(modes: ComplexModes, title: str) -> Chart:
     """Im λ over Re λ, and over the damping ratio in %, of eigenvalues with Im λ ≥ 0: growing, decaying, undecided ones."""
     values, upper = modes.eigenvalues, modes.eigenvalues.imag >= 0
-    stable = np.array(modes.stable, dtype=object)
-    kinds = ((~modes.above_cutoff & (stable == True), "decays", "#4d4d4d", "o", True),  # noqa: E712
-             (~modes.above_cutoff & (stable == None), "undecided, or rigid", "#e69f00", "D", True),  # noqa: E711
-             (modes.above_cutoff, "above the cut-off", "#b0b0b0", "s", True),
-             (~modes.above_cutoff & (stable == False), "grows", "#c0392b", "o", False))  # noqa: E712
+    decays, open_, grows = (np.array([vote is one for vote in modes.stable], dtype=bool) & ~modes.above_cutoff
+                            for one in (True, None, False))
+    kinds = ((decays, "decays", "#4d4d4d", "o", True), (open_, "undecided, or rigid", "#e69f00", "D", True),
+             (modes.above_cutoff, "above the cut-off", "#b0b0b0", "s", True), (grows, "grows", "#c0392b", "o", False))
     panels = []
     for label, x in (("Re λ  [1/time]", values.real), ("-Re λ / |λ|  [%]", damping_percent(values))):
         series = []

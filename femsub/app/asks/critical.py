@@ -176,7 +176,7 @@ def crossed(found: fs.CriticalValue, known: float | None) -> list[dict[str, Any]
     first = next((row for row in rows if row["value"] == found.value), None)
     for row in rows:
         row["reference"] = known if row is first or row["value"] is None else None
-        row["error"] = abs(row["value"] - known) if row is first and row is not None and known is not None else None
+        row["error"] = abs(row["value"] - known) if row is first and known is not None else None
     return rows
 
 
