@@ -297,7 +297,10 @@ def pandas(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("pandas")
 def test_tables_become_data_frames() -> None:
     frame = modes().to_frame()
-    assert frame.columns[:2] == ["mode", "omega"] and {"frequency_hz", "damping", "growth"} <= set(frame.columns)
+    assert frame.columns[:3] == ["mode", "omega", "growth"] and {"damping", "error_bar"} <= set(frame.columns)
+    hertz = modes().to_frame(units="SI")
+    assert hertz.columns[:3] == ["mode", "omega", "frequency_hz"]
+    assert [row["frequency_hz"] for row in hertz.rows] == [row["omega"] / (2 * np.pi) for row in frame.rows]
     assert len(frame.rows) == len(modes()) / 2
     assert "first" in made("scatter").to_frame("scatter-inputs").columns
     with pytest.raises(fs.InputError, match=r"'complex-modes'.*not 'nodes'"):

@@ -151,8 +151,7 @@ class NormalModes(Shaped):
 
     def tables(self) -> list[Table]:
         """A row for each mode."""
-        rows = [{"mode": i, "omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)), "rigid": i <= self.rigid,
-                 "residual": float(residual)}
+        rows = [{"mode": i, "omega": float(omega), "rigid": i <= self.rigid, "residual": float(residual)}
                 for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
         return [Table("modes", rows, ["mode", "omega", "residual"], "Normal modes")] if rows else []
 

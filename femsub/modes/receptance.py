@@ -117,7 +117,7 @@ class FrequencyResponse(Frozen, Displayed):
 
     def tables(self) -> list[Table]:
         """A row for each frequency, load and response; it is not printed."""
-        rows = [{"load": load, "response": response, "omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)),
+        rows = [{"load": load, "response": response, "omega": float(omega),
                  "magnitude": float(abs(h)), "phase": float(np.degrees(np.angle(h))), "bound": float(bound)}
                 for j, load in enumerate(self.loads) for i, response in enumerate(self.responses)
                 for omega, h, bound in zip(self.omega, self.receptance[:, i, j], self.bound[:, i, j], strict=True)]

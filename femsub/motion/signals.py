@@ -40,7 +40,7 @@ class Spectrum(Displayed):
 
     def tables(self) -> list[Table]:
         """A row for each peak."""
-        rows = [{"omega": float(omega), "frequency_hz": float(omega / (2 * np.pi)), "amplitude": float(height)}
+        rows = [{"omega": float(omega), "amplitude": float(height)}
                 for omega, height in zip(self.peaks, self.heights, strict=True)]
         return [Table("spectrum", rows, ["omega", column("amplitude", form=".4g")], "Peaks")] if rows else []
 

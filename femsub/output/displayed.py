@@ -48,13 +48,15 @@ class Displayed:
             raise InputError(f"{self!r} has nothing that can be drawn")
         return figure_of(lambda: draw(chart), units_of(units))
 
-    def to_frame(self, table: str = "") -> Any:
+    def to_frame(self, table: str = "", *, units: Any = "") -> Any:
         """A data frame of pandas of one of the `tables`, by default of the first.
+
+        With `units`, see `plot`, whose unit of time is the second, each column in rad/s is followed by one in Hz.
 
         Raises
         ------
         InputError
-            No table has this name.
+            No table has this name, or units that are not known.
         MissingPackageError
             pandas is not there.
         """
@@ -63,7 +65,8 @@ class Displayed:
         if not known or table not in ("", *known):
             raise InputError(f"table is one of {', '.join(map(repr, known)) or 'none: there are no rows'}, not {table!r}")
         chosen = known[table or next(iter(known))]
-        return pandas.DataFrame(chosen.filed, columns=[one.key for one in chosen.every])
+        rows = units_of(units).with_hertz(chosen.filed)
+        return pandas.DataFrame(rows, columns=list(dict.fromkeys(key for row in rows for key in row)))
 
     def _repr_html_(self) -> str:
         """For notebooks: its line, its tables, its figure."""

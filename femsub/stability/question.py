@@ -174,7 +174,7 @@ class CriticalValue(Displayed):
             where = "never lost" if np.isinf(self.value) else "lost at a place not known"
             several.insert(0, ("lost at the start" if self.growing else where, None))
         return [{"stability": what, "value": one and one.value, "kind": one.kind if one else "", "omega": one and one.omega,
-                 "frequency_hz": one and one.omega / (2 * np.pi), "width": one and one.width, "evidence": self.evidence}
+                 "width": one and one.width, "evidence": self.evidence}
                 for what, one in several]
 
     def tables(self) -> list[Table]:

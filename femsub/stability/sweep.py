@@ -55,8 +55,7 @@ class StabilitySweep(Displayed):
 
     def tables(self) -> list[Table]:
         """A row for each value."""
-        rows = [{self.parameter: float(value), "growth": float(growth), "omega": float(omega),
-                 "frequency_hz": float(omega / (2 * np.pi))}
+        rows = [{self.parameter: float(value), "growth": float(growth), "omega": float(omega)}
                 for value, growth, omega in zip(self.values, self.growth, self.omega, strict=True)]
         return [Table("sweep", rows, [column(self.parameter, form=".6g"), "growth", "omega"], f"Growth over {self.parameter}")]
 

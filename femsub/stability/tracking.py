@@ -94,7 +94,7 @@ class Tracked(Displayed):
         at, branch = np.nonzero(self.asked[:, None] & ~np.isnan(self.eigenvalues))
         chosen = self.eigenvalues[at, branch]
         branches = [{self.parameter: float(self.values[i]), "branch": int(j), "growth": float(value.real),
-                     "omega": float(value.imag), "frequency_hz": float(value.imag / (2 * np.pi)), "damping": float(damping),
+                     "omega": float(value.imag), "damping": float(damping),
                      "error_bar": float(self.error_bar[i, j]), "grows": bool(self.growing[i, j])}
                     for i, j, value, damping in zip(at, branch, chosen, damping_percent(chosen), strict=True)]
         meetings = [{"kind": one.kind, "value": one.value, "width": one.width, "branches": list(one.branches),

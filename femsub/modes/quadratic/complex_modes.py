@@ -171,7 +171,7 @@ class ComplexModes(Shaped):
         """A row for each eigenvalue with Im λ ≥ 0, by frequency."""
         stable = self.stable
         chosen: Array = np.flatnonzero(self.eigenvalues.imag >= 0)
-        rows = [{"mode": number, "omega": float(self.eigenvalues[i].imag), "frequency_hz": float(self.frequencies_hz[i]),
+        rows = [{"mode": number, "omega": float(self.eigenvalues[i].imag),
                  "growth": float(self.eigenvalues[i].real), "damping": float(self.damping_percent[i]),
                  "error_bar": float(self.error_bar[i]), "backward_error": float(self.backward_error[i]), "is_stable": stable[i],
                  "rigid": bool(self.rigid[i]), "above_cutoff": bool(self.above_cutoff[i])}

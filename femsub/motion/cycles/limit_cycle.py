@@ -125,7 +125,7 @@ class LimitCycle(Displayed):
     def tables(self) -> list[Table]:
         """One row: its numbers."""
         columns = ["omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]
-        return [Table("cycle", [{**self.row(), "frequency_hz": self.omega / (2 * np.pi)}], columns, "Limit cycle")]
+        return [Table("cycle", [self.row()], columns, "Limit cycle")]
 
     def chart(self, title: str = "Limit cycle") -> Chart:
         """One period of the speeds v at the contacts, the orbit of v over the displacement u, and the harmonics of v."""

@@ -90,7 +90,7 @@ class ShotCycle(Displayed):
 
     def tables(self) -> list[Table]:
         """One row: its numbers."""
-        row = {"omega": self.omega, "frequency_hz": self.omega / (2 * np.pi), "rms": self.rms, "peak": self.peak,
+        row = {"omega": self.omega, "rms": self.rms, "peak": self.peak,
                "is_stable": self.is_stable, "residual": self.residual}
         return [Table("cycle", [row], ["omega", "rms", "peak", "is_stable", "residual"], "Limit cycle")]
 
