@@ -182,7 +182,7 @@ def test_a_breakdown_is_met_with_another_start_and_more_room(monkeypatch: pytest
     def breaking(*arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
         tried.append((arguments[3], options["seed"]))
         if len(tried) < 3:
-            raise fs.errors.BreakdownError("PEP failed (Error in LAPACK subroutine trexc: info=1)")
+            raise fs.checks.BreakdownError("PEP failed (Error in LAPACK subroutine trexc: info=1)")
         return original(*arguments, **options)
 
     exact = fs.complex_modes(fs.chain(2500, belt=2), count=10)

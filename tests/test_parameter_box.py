@@ -409,7 +409,7 @@ def test_a_box_without_the_axis_is_refused(re):
 
 
 def test_a_pole_in_the_box_is_refused():
-    with pytest.raises(fs.errors.FemsubError, match="infinite in the box"):
+    with pytest.raises(fs.checks.FemsubError, match="infinite in the box"):
         fs.reduce(family(3), fs.ParameterBox({"mu": (0.0, 1.0), "speed": (-1.0, 2.0)}, (0.0, 0.5)))
 
 
