@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import tomllib
 from fnmatch import fnmatch
@@ -55,8 +56,9 @@ def test_every_file_of_the_package_is_in_the_wheel() -> None:
     """By the rules of pyproject.toml; scripts/release looks into the wheel itself."""
     data = PROJECT["tool"]["setuptools"]["package-data"]
     packages = set(PROJECT["tool"]["setuptools"]["packages"])
-    listed = subprocess.run(["git", "ls-files", "femsub"], cwd=ROOT, capture_output=True, text=True, check=False)
-    if listed.returncode:
+    listed = shutil.which("git") and subprocess.run(["git", "ls-files", "femsub"], cwd=ROOT, capture_output=True, text=True,
+                                                    check=False)
+    if not listed or listed.returncode:
         pytest.skip("no repository of git here")
     left = []
     for name in listed.stdout.split():

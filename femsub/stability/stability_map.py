@@ -211,7 +211,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     limits, say = usable_band(model, band), listener("progress", progress)
     if full is not None:
         full_at = pencils_of(full, contacts, names)
-    ends = [dict(zip(names, corner, strict=True)) for corner in product(*(axis[[0, -1]] for axis in axes))]
+    ends = [dict(zip(names, corner, strict=True)) for corner in product(*(axis[[0, -1]].tolist() for axis in axes))]
     solver = ModesAt(model, at, names, limits, [at(end) for end in ends], say)
 
     # the grid, and cells halved where a mode may cross within
