@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads
+from femsub.algebra import by_threads, halves
 from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
@@ -86,14 +86,17 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         middle, half = (lo + hi) / 2, (hi - lo) / 2
         varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
-        rubs = np.array([one and power == 0 and abs(matrix - matrix.T).max() > 0
-                         for one, (power, matrix) in zip(varies, terms, strict=True)])
+        turns = np.array([one and power < 2 and abs(matrix - matrix.T).max() > 0
+                          for one, (power, matrix) in zip(varies, terms, strict=True)])
+        rubs = turns & [power == 0 for power, _ in terms]
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
         for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
-            reference = family.weighted(self.middle)
-            changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size))
+            # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
+            left = iter(turns)
+            reference = family._each(lambda theta, A: (theta, halves(A)[0] if next(left) else A)).weighted(self.middle)
+            changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if turns[q] else 0.0)
                        for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
             try:
                 self.projection = projection_over(reference, changes, box.region, GAP)
@@ -180,6 +183,7 @@ class _Maker:
             for vectors, adjoint in ((node.x, False), (node.z, True)):
                 columns.append(here.coefficients(node.lam, vectors / scale, adjoint))
         m = self.projection.size
+        del here  # it would keep V beside its longer copy
         if not self.projection.join(columns, 0.03):  # squares: a direction with a sixth of the residual that the tolerance allows
             return nodes
         self.projection.lost  # noqa: B018  (once, for all that `changed` copies)
@@ -276,7 +280,7 @@ class _Maker:
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
         V = projection.V @ W
-        radii = Radii(mix, lost, signs, places, base, projection.sizes(V), self.least)
+        radii = Radii(mix, lost, signs, places, np.array(projection.held), base, projection.sizes(V), self.least)
         V = np.hstack([projection.free, V]) if projection.free.size else V
         V *= self.unit[:, None]
         family = self.family._each(lambda theta, A: (theta, projected(A, V)))

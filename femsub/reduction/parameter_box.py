@@ -187,13 +187,14 @@ class Radii:
     lost: Array  #: (p + 1,): the norms of what the images lack
     signs: Array
     places: Array  #: of each term: the change that it follows, or -1
+    held: Array  #: of each term: what joins the θ of its change
     base: Array  #: (p, 3): weights c_0, c_1, c_2
     rounding: Array  #: (p + 1, d, d): |V|ᵀ|A||V| and those of the terms; times EPS what rounding of their entries may do
     least: float  #: c
 
     def weights(self, theta: Array) -> Array:
         """(p + 1, 3): what A and the terms are taken with, of s⁰, s and s²."""
-        scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places])
+        scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places] + self.held)
         return np.vstack([[1.0, 0.0, 0.0], scale[:, None] * self.base])
 
     def at(self, theta: Array) -> RadiiAt:

@@ -79,11 +79,15 @@ Bounds = tuple[Array, Ends, float]  # shapes of strong damping, the range of dam
 
 
 class Varied(NamedTuple):
-    """A term θ s^power T that may join a pencil, |θ| ≤ size."""
+    """A term θ s^power T that may join a pencil, |θ| ≤ size.
+
+    If the pencil has held (T + Tᵀ)/2 already, and not held (T - Tᵀ)/2, the projection adds that: it needs no term of its own then.
+    """
 
     matrix: Matrix
     power: int
     size: float
+    held: float = 0.0
 
 
 class Projection(EnergyBasis):
@@ -163,6 +167,7 @@ class Projection(EnergyBasis):
                  Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
         self.own_weights: list[tuple[int | None, Weights]] = [(None, term.weights) for term in terms]
+        self.held = [0.0] * len(terms)  #: of each term: what joins the θ of its change
         joining = [rest, strong]
         few = [W for W in (None if simple is None else simple[2], turned) if W is not None and W.shape[1]]
         if few:  # A⁻¹ of them joins V, without rigid motion, which is there: A is nearly singular in it
@@ -170,10 +175,10 @@ class Projection(EnergyBasis):
             Q = Q[:, size > SINGULAR * size[0]]
             rigid = modes.shapes[:, :modes.rigid]
             joining.append(self.factor.solve(Q - (M @ rigid) @ (rigid.T @ Q)))
-        for place, (matrix, power, size) in enumerate(changes):
+        for place, (matrix, power, size, held) in enumerate(changes):
             side = max(-outer.re[0], outer.re[1])  # the change may have either sign
-            weight = size * (1.0, side, max(side, outer.top)**2)[power]
-            for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True):
+            for half, sign, more in zip(halves(matrix), (1.0, -1.0), (0.0, held), strict=True):
+                weight = (size + abs(more)) * (1.0, side, max(side, outer.top)**2)[power]
                 if not half.nnz or not weight:
                     continue
                 columns, ends = few_columns(half), (0.0, 0.0)
@@ -191,6 +196,7 @@ class Projection(EnergyBasis):
                         joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
+                self.held.append(more)
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=kept)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
@@ -209,9 +215,16 @@ class Projection(EnergyBasis):
         found.theta, found.half = np.array(theta, dtype=float), np.array(half if len(half) else np.zeros(len(theta)), dtype=float)
         return found
 
-    def _weighted(self, theta: Sequence[float] | Array) -> list[Weights]:
-        return [own if place is None else (theta[place] * own[0], theta[place] * own[1], theta[place] * own[2])
-                for place, own in self.own_weights]
+    def _weighted(self, theta: Sequence[float] | Array, half: Sequence[float] | Array | None = None) -> list[Weights]:
+        """The weights of all terms at θ; with `half` the largest ones for all θ ± half."""
+        found = []
+        for (place, own), held in zip(self.own_weights, self.held, strict=True):
+            size = 1.0
+            if place is not None:
+                size = theta[place] + held
+                size = size if half is None else abs(size) + half[place]
+            found.append((size * own[0], size * own[1], size * own[2]))
+        return found
 
     def coercivity(self, re: tuple[float, float], top: float) -> float:
         """c; 1 where V and rigid motion leave nothing out."""
@@ -227,7 +240,7 @@ class Projection(EnergyBasis):
     @property
     def least(self) -> float:
         """c for all θ."""
-        return self.at(self._weighted(np.abs(self.theta) + self.half)).coercivity(self.outer.re, self.outer.top)
+        return self.at(self._weighted(self.theta, self.half)).coercivity(self.outer.re, self.outer.top)
 
     def norm(self, term: Term) -> float:
         """g with |xᴴTx| ≤ g xᴴAx for all complex x."""
@@ -265,7 +278,7 @@ class Projection(EnergyBasis):
         if self._parts[0] != self.size:
             halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
             whole = [WholeTerm.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
-            largest = self.at(self._weighted([change.size for change in self.changes]))
+            largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
             self._parts = self.size, whole, images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
         return self._parts[1:]
 
@@ -511,20 +524,23 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
     rows = np.flatnonzero(np.diff(D.indptr))
     if len(rows) <= min(10 * number, QUADRATIC):  # Lanczos takes some six solves for each shape, one after the other
-        check_columns("the pencil", A.shape[0], 2 * len(rows))
-        load = np.zeros((A.shape[0], len(rows)))
-        load[rows, np.arange(len(rows))] = 1.0
-        flexibility = solve(load)
-        del load
+        check_columns("the pencil", A.shape[0], 2 * (number + BLOCK))
         # with G = EᵀA⁻¹E = LLᵀ of the rows' unit loads E, D = ESEᵀ and LᵀSLw = λw, Dx = λAx has x = A⁻¹ESLw / λ. A stiff joint
-        # between two rows makes G singular within rounding
-        size, turn = la.eigh(flexibility[rows])
+        # between two rows makes G singular within rounding. All columns of A⁻¹E would take more memory than the basis
+        flexibility = np.empty((len(rows), len(rows)))
+        for at in (slice(start, start + BLOCK) for start in range(0, len(rows), BLOCK)):
+            load = np.zeros((A.shape[0], len(rows[at])))
+            load[rows[at], np.arange(load.shape[1])] = 1.0
+            flexibility[:, at] = solve(load)[rows]
+        size, turn = la.eigh(flexibility)
         S, L = D[rows][:, rows], turn * np.sqrt(np.maximum(size, 0.0))
         values, w = la.eigh(L.T @ (S @ L))
         keep = (values >= d[0]) | (values <= -d[1])
         if keep.sum() < number:
             raise NotConvergedError(f"of {number} strongly damped shapes {keep.sum()} were found")
-        return flexibility @ (S @ (L @ w[:, keep]) / values[keep]), ends
+        load = np.zeros((A.shape[0], int(keep.sum())))
+        load[rows] = S @ (L @ w[:, keep]) / values[keep]
+        return solve(load), ends
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
     check_columns("the pencil", A.shape[0], 2 * number + 1)
