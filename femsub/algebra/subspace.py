@@ -25,7 +25,10 @@ class Room:
         room = self
         if m != self._used or both > self._array.shape[1]:
             room = Room()
-            room._array = np.empty((len(V), 2 * both), order="F")
+            try:  # a basis grows about threefold, and each new room is a copy
+                room._array = np.empty((len(V), 4 * both), order="F")
+            except MemoryError:  # where a system promises no more than it has
+                room._array = np.empty((len(V), both), order="F")
             room._array[:, :m] = V
         room._array[:, m:both], room._used = new, both
         return room._array[:, :both], room

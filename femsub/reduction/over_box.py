@@ -89,13 +89,14 @@ class _Maker:
         turns = np.array([one and power < 2 and abs(matrix - matrix.T).max() > 0
                           for one, (power, matrix) in zip(varies, terms, strict=True)])
         rubs = turns & [power == 0 for power, _ in terms]
+        # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
+        left = iter(turns)
+        half_symmetric = family._each(lambda theta, A: (theta, halves(A)[0] if next(left) else A))
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
         for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
-            # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
-            left = iter(turns)
-            reference = family._each(lambda theta, A: (theta, halves(A)[0] if next(left) else A)).weighted(self.middle)
+            reference = half_symmetric.weighted(self.middle)
             changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if turns[q] else 0.0)
                        for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
             try:

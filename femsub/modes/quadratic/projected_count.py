@@ -9,7 +9,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from functools import partial
+from functools import partial, reduce
+from operator import add
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import (
     BLOCK,
+    LARGE,
     QUADRATIC,
     ROUNDING,
     SINGULAR,
@@ -81,7 +83,7 @@ Bounds = tuple[Array, Ends, float]  # shapes of strong damping, the range of dam
 class Varied(NamedTuple):
     """A term θ s^power T that may join a pencil, |θ| ≤ size.
 
-    If the pencil has held (T + Tᵀ)/2 already, and not held (T - Tᵀ)/2, the projection adds that: it needs no term of its own then.
+    If the pencil has held (T + Tᵀ)/2 already, and not held (T - Tᵀ)/2, the projection adds that, which needs no term of its own.
     """
 
     matrix: Matrix
@@ -372,14 +374,14 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
     of them that fits least, as those of dashpots.
     """
     M, K, W = pencil.M, pencil.symmetric_stiffness, [one for *_, one in pencil.contacts]
-    rest = damping
-    for C, _, one in pencil.contacts:
-        rest = rest - contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2)
-    size, own = abs(damping) + abs(rest), np.sqrt(np.abs(damping.diagonal()))
+    rest = [(1.0, damping)] + [(-1.0, contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2))
+                               for C, _, one in pencil.contacts]
+    own = np.sqrt(np.abs(damping.diagonal()))
     alpha = beta = 0.0
-    columns = few_columns(_cleared(rest, size, own), most)
+    columns = _few_left(rest, own, most)
     if columns is None:
-        mass, stiffness, d = (np.append(A.diagonal(), A @ np.ones(len(A.indptr) - 1)) for A in (M, K, rest))
+        mass, stiffness, d = (sum(weight * np.append(A.diagonal(), A @ np.ones(len(own))) for weight, A in several)
+                              for several in ([(1.0, M)], [(1.0, K)], rest))
         scale = np.array([mass.max(), stiffness.max()])
         unit = np.column_stack([mass, stiffness]) / scale
         off = np.zeros(len(d))
@@ -389,21 +391,30 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
             fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # of one kind alone
             off = np.abs(d - unit @ fit)
         alpha, beta = (fit / scale).tolist()
-        whole = size + abs(alpha) * abs(M) + abs(beta) * abs(K)
-        columns = few_columns(_cleared(rest - alpha * M - beta * K, whole, own), most)
+        columns = _few_left([*rest, (-alpha, M), (-beta, K)], own, most)
     W = [*W, columns] if columns is not None else W
     return (alpha, beta, np.hstack(W)) if columns is not None and sum(one.shape[1] for one in W) <= most else None
 
 
-def _cleared(A: Matrix, size: Matrix, own: Array) -> Matrix:
-    """A without entries that are rounding beside those of `size`, or beside √(d_ii d_jj) = `own`_i `own`_j of D's diagonal.
+def _few_left(parts: Sequence[tuple[float, Matrix]], own: Array, most: int) -> Array | None:
+    """`few_columns` of Σ wA over pairs (w, A), without entries that are rounding.
 
-    Where αM is small beside βK, α is known to the rounding of βK alone.
+    They are so beside Σ |w||A|, or beside √(d_ii d_jj) = `own`_i `own`_j of D's diagonal. Where αM is small beside βK, α is known
+    to the rounding of βK alone. The sum is made by slabs of rows, and ends at the first that shows that there are too many.
     """
-    found, beside = sp.coo_array(A), sp.csr_array(size)
-    row, column = found.coords
-    keep = np.abs(found.data) > ROUNDING * (np.asarray(beside[row, column]).ravel() + own[row] * own[column])
-    return sp.csr_array((found.data[keep], (row[keep], column[keep])), shape=A.shape)
+    slabs, acting = [], 0
+    for start in range(0, len(own), LARGE):
+        at = slice(start, start + LARGE)
+        rows = [(weight, A[at]) for weight, A in parts if weight]
+        found = sp.coo_array(reduce(add, [weight * A for weight, A in rows]))
+        size = sp.csr_array(reduce(add, [abs(weight) * without_signs(A) for weight, A in rows]))
+        row, column = found.coords
+        keep = np.abs(found.data) > ROUNDING * (np.asarray(size[row, column]).ravel() + own[at][row] * own[column])
+        slabs.append(sp.csr_array((found.data[keep], (row[keep], column[keep])), shape=found.shape))
+        acting += np.count_nonzero(np.diff(slabs[-1].indptr))
+        if acting > WIDE:
+            return None
+    return few_columns(sp.csr_array(sp.vstack(slabs)), most)
 
 
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
