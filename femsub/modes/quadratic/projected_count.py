@@ -380,7 +380,7 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
     alpha = beta = 0.0
     columns = _few_left(rest, own, most)
     if columns is None:
-        mass, stiffness, d = (sum(weight * np.append(A.diagonal(), A @ np.ones(len(own))) for weight, A in several)
+        mass, stiffness, d = (np.sum([weight * np.append(A.diagonal(), A @ np.ones(len(own))) for weight, A in several], axis=0)
                               for several in ([(1.0, M)], [(1.0, K)], rest))
         scale = np.array([mass.max(), stiffness.max()])
         unit = np.column_stack([mass, stiffness]) / scale
