@@ -362,7 +362,7 @@ def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:
 def projected(A: Matrix, V: Array) -> Array:
     """VᵀAV (r, r), symmetric if A is."""
     found: Array = np.hstack([V.T @ (A @ V[:, at:at + BLOCK]) for at in range(0, V.shape[1], BLOCK)])
-    return (found + found.T) / 2 if not (A != A.T).sum() else found
+    return (found + found.T) / 2 if is_symmetric(A) else found
 
 
 def basis_of(basis: Any, size: int, cutoff: float | None) -> tuple[Array, float]:

@@ -520,7 +520,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
         return none, (0.0, 0.0)
     for tried, d in enumerate(_allowed(share, re) for share in shares):
         definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
-        each = [0 if known else inertia(sp.csr_array(one * A.formed() + sign * D))
+        each = [0 if known else inertia(sp.csr_array(A.formed() + (sign / one) * D))
                 for one, sign, known in zip(d, (-1, 1), definite, strict=True)]
         number, ends = sum(each), (-d[1], d[0])
         if not number:
