@@ -25,10 +25,10 @@ import scipy.io
 from sandbox import HOOK
 
 import femsub as fs
+from femsub.algebra import commit
 from femsub.app.cli import main
 from femsub.app.grammar import Scene, built_in, text_of
-from femsub.app.report import commit, table_csv
-from femsub.output import SYSTEMS, UNKNOWN, WIDTH
+from femsub.output import SYSTEMS, UNKNOWN, WIDTH, table_csv
 
 #: beside a model
 VARIED = 'vary = {"part.chain.belt" = [1, 2], "part.chain.interface" = [[1], [1, "belt"]]}\n'

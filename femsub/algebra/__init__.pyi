@@ -36,12 +36,14 @@ from .matrices import (
     Difference as Difference,
     as_matrix as as_matrix,
     block_diagonal as block_diagonal,
+    by_diagonal as by_diagonal,
     diagonal as diagonal,
     equilibration as equilibration,
     halves as halves,
     is_identity as is_identity,
     is_symmetric as is_symmetric,
     norm as norm,
+    over_diagonal as over_diagonal,
     plus as plus,
     rows_of_zeros as rows_of_zeros,
     same as same,
@@ -86,6 +88,7 @@ from .petsc import (
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,
 )
+from .processes.about import commit as commit, machine as machine
 from .processes.beside import (
     columns_left as columns_left,
     completed as completed,

@@ -1,4 +1,15 @@
-from .charts import eigenvalue_chart as eigenvalue_chart, response_chart as response_chart
+from .charts import (
+    eigenvalue_chart as eigenvalue_chart,
+    response_chart as response_chart,
+    springs_chart as springs_chart,
+)
+from .compared import (
+    all_modes_of as all_modes_of,
+    force_error as force_error,
+    held_error as held_error,
+    held_frequencies as held_frequencies,
+)
+from .dense import semidefinite_frequencies as semidefinite_frequencies
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
 from .mode_set import ModeSet as ModeSet

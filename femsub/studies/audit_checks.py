@@ -12,28 +12,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from femsub.algebra import by_diagonal, over_diagonal
 from femsub.checks import EPS, EQUAL, Array
 from femsub.model import MOTIONS, rounding_of, units
-from femsub.studies.audit_case import (
-    AGREE,
-    FAULT,
-    GOOD,
-    HELD_KIND,
-    ROUNDING,
-    SHAPED,
-    Body,
-    Case,
-    Finding,
-    KeptModes,
-    Mapped,
-    coupling,
-    listed,
-    off_diagonal,
-    scaled,
-    spectrum,
-    unknown,
-    within,
-)
+from femsub.modes import semidefinite_frequencies
+from femsub.reduction import AGREE, HELD_KIND, PRODUCTS, SHAPED, Body, Mapped, coupling, off_diagonal
+from femsub.studies.audit_case import FAULT, GOOD, Case, Finding, KeptModes, listed, unknown
 
 #: unit of length in m, of mass in kg
 SYSTEMS = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}
@@ -108,7 +92,7 @@ def rounded(case: Case) -> Sight:
 def skew(key: str, case: Case) -> Sight:
     """The largest |a_ij - a_ji| / √(a_ii a_jj)."""
     A = case.given[key]
-    share = within(A - A.T, A)
+    share = over_diagonal(A - A.T, A)
     i, j = np.unravel_index(int(share.argmax()), share.shape)
     return Seen(share[i, j], i=i, j=j, one=A[i, j], other=A[j, i])
 
@@ -116,7 +100,7 @@ def skew(key: str, case: Case) -> Sight:
 def negative(key: str, case: Case) -> Sight:
     """-λ_min of a matrix scaled to a diagonal of 1, and the coordinate that moves most; M may lack the mass of an interface."""
     A, bare = case.given[key], case.massless
-    values, vectors = np.linalg.eigh(scaled((A + A.T) / 2))
+    values, vectors = np.linalg.eigh(by_diagonal((A + A.T) / 2))
     lowest = max(-float(values[0]), 0.0)
     if key == "M" and len(bare) and lowest <= EQUAL:
         return fault(f"coordinates {listed(bare)} have stiffness but no mass", "The mass at the interface is lost: take M_bb of "
@@ -133,7 +117,7 @@ def dependent(case: Case) -> Sight:
         return fault(f"coordinates {listed(empty)} have neither mass nor stiffness", "Leave these columns out", len(empty), 0.0)
     M, K = (A[np.ix_(some, some)] for A in (case.M, case.K))
     whole = M + K * (M.diagonal().sum() / K.diagonal().sum() if K.diagonal().sum() > 0 else 1.0)
-    values, vectors = np.linalg.eigh(scaled(whole))
+    values, vectors = np.linalg.eigh(by_diagonal(whole))
     x = vectors[:, 0] * units(whole)
     energies = [(abs(float(x @ A @ x)), float(x**2 @ np.abs(A.diagonal()))) for A in (M, K)]
     share = max(part / single if single > 0 else 0.0 for part, single in energies)
@@ -370,7 +354,7 @@ def unlike_projection(key: str, case: Case, V: Array) -> Sight:
         massive = case.lowest(case.free, case.mass_rank - case.free.rigid.shape[1])
         part = massive.shapes.T @ (A @ V)
         there = part.T @ part
-    apart = within(own - there, scale, ROUNDING * (size.T @ (abs(A) @ size)))
+    apart = over_diagonal(own - there, scale, PRODUCTS * (size.T @ (abs(A) @ size)))
     bad = np.flatnonzero((apart > AGREE).sum(axis=1) > 0.5 * len(apart))
     blamed = 0 < len(bad) < 0.5 * len(apart)
     seen = unlike(apart, own, there)
@@ -407,11 +391,11 @@ def other_spectrum(case: Case) -> Sight:
     else:
         residual = handle.elastic_solve(np.hstack([forces, also]), modes.shapes)
         shapes = np.hstack([modes.shapes, residual if case.projected else residual[:, :0]])
-    there, own = spectrum(*(shapes.T @ (A @ shapes) for A in (sub.K, sub.M))), case.free_frequencies
+    there, own = semidefinite_frequencies(*(shapes.T @ (A @ shapes) for A in (sub.K, sub.M))), case.free_frequencies
     elastic = there[case.free.rigid.shape[1]:]
     if len(own) != len(there) or not len(elastic) or not elastic[0]:
         return None  # shapes that depend on each other were left out
-    beyond = np.maximum(np.abs(own**2 - there**2) - ROUNDING * len(own) * there[-1] ** 2, 0.0)
+    beyond = np.maximum(np.abs(own**2 - there**2) - PRODUCTS * len(own) * there[-1] ** 2, 0.0)
     apart = beyond / np.maximum(there, elastic[0]) ** 2
     worst = int(apart.argmax())
     return Seen(apart[worst], mode=worst + 1, count=len(own), own=own[worst], there=there[worst])
@@ -448,17 +432,17 @@ def unlike_statics(case: Case) -> Sight:
         return fault("the inside of the reduced model has no firm hold at the interface",
                      "A coordinate has no stiffness, or K is not that of this model")
     bare = case.whole.K.diagonal()[case.rows]
-    floor = np.abs(C).T @ (abs(case.whole.K) @ np.abs(C)) * ROUNDING + EPS * np.sqrt(np.outer(bare, bare))
+    floor = np.abs(C).T @ (abs(case.whole.K) @ np.abs(C)) * PRODUCTS + EPS * np.sqrt(np.outer(bare, bare))
     own, there = X.T @ case.K @ X, U.T @ K @ U
-    rounding = np.abs(U).T @ floor @ np.abs(U) + np.abs(X).T @ (abs(case.K) @ np.abs(X)) * ROUNDING
-    return unlike_interface(within(own - there, there, rounding), own, there)
+    rounding = np.abs(U).T @ floor @ np.abs(U) + np.abs(X).T @ (abs(case.K) @ np.abs(X)) * PRODUCTS
+    return unlike_interface(over_diagonal(own - there, there, rounding), own, there)
 
 
 def unlike_inertia(case: Case, comparable: tuple[Array, Array, Array, Array]) -> Sight:
     """XᵀMX of a Ritz model against the full model's on the interface, CᵀMC."""
     U, X, _, M = comparable
     own, there = X.T @ case.M @ X, U.T @ M @ U
-    return unlike_interface(within(own - there, there), own, there)
+    return unlike_interface(over_diagonal(own - there, there), own, there)
 
 
 def unlike_damping(case: Case, comparable: tuple[Array, Array, Array, Array], D: Array) -> Sight:
@@ -468,7 +452,7 @@ def unlike_damping(case: Case, comparable: tuple[Array, Array, Array, Array], D:
     if not (own.any() or there.any()):
         return None
     size = np.diag((np.abs(C).T @ (abs(case.whole.D) @ np.abs(C))).diagonal()) if there.any() else M
-    return unlike_interface(within(own - there, U.T @ size @ U, ROUNDING * size.max()), own, there)
+    return unlike_interface(over_diagonal(own - there, U.T @ size @ U, PRODUCTS * size.max()), own, there)
 
 
 def missing_motion(case: Case, moved: tuple[Array, Array, float | None]) -> Sight:
