@@ -135,7 +135,7 @@ def test_the_modes_of_the_full_system_are_computed_once(monkeypatch: pytest.Monk
         solved.append(K is full.K)
         return all_modes(K, M, **carried)
 
-    monkeypatch.setattr("femsub.modes.compared.all_modes", counted)
+    monkeypatch.setattr("femsub.modes.quadratic.matching.all_modes", counted)
     fs.study(full, [dict.fromkeys(full.parts, fs.CraigBampton(count)) for count in (2, 3, 4)], BAND, repeats=1)
     assert sum(solved) == 1  # not once more for each row
 

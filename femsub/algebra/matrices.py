@@ -291,18 +291,3 @@ def translations(n: int) -> Array:
     """Uniform motions of every s-th DOF (n, k): translations of a body whose nodes have s DOF each."""
     at = np.arange(n)
     return np.stack([at % s == first for s in (1, 2, 3, 4, 6) if n % s == 0 for first in range(s)], axis=1).astype(float)
-
-
-def by_diagonal(A: Array) -> Array:
-    """a_ij / √(a_ii a_jj). Where a diagonal entry is not positive, the largest of its row stands for it."""
-    diagonal, size = A.diagonal(), np.abs(A).max(axis=0, initial=0.0)
-    unit = np.where(diagonal > 0, diagonal, np.where(size > 0, size, 1.0)) ** -0.5
-    return A * np.outer(unit, unit)
-
-
-def over_diagonal(difference: Array, A: Array, rounding: Array | float = 0.0) -> Array:
-    """|Δ_ij| over √(a_ii a_jj); what is within the rounding counts as none."""
-    size = np.sqrt(np.abs(A.diagonal()))
-    size = np.where(size > 0, size, EPS * size.max(initial=0.0))
-    beyond = np.maximum(np.abs(difference) - rounding, 0.0)
-    return np.divide(beyond, np.outer(size, size), out=np.where(beyond > 0, np.inf, 0.0), where=np.outer(size, size) > 0)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import femsub
-from femsub.algebra import commit
+from femsub.algebra import commit, machine
 from femsub.app.result import Result
 from femsub.checks import InputError, is_there, printable
 from femsub.io import Writer, held, with_index, write_whole
@@ -67,6 +67,11 @@ def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         return write_whole(folder, writers)
     except OSError as error:
         raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
+
+
+def run_on() -> dict[str, Any]:
+    """What a run rests on beside its inputs: versions, and the machine."""
+    return {"versions": versions(), "machine": machine()}
 
 
 def versions() -> dict[str, Any]:

@@ -3,12 +3,6 @@ from .charts import (
     response_chart as response_chart,
     springs_chart as springs_chart,
 )
-from .compared import (
-    all_modes_of as all_modes_of,
-    force_error as force_error,
-    held_error as held_error,
-    held_frequencies as held_frequencies,
-)
 from .dense import semidefinite_frequencies as semidefinite_frequencies
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
@@ -57,13 +51,17 @@ from .quadratic.matching import (
     assigned as assigned,
     clusters as clusters,
     extra_eigenvalues as extra_eigenvalues,
+    force_error as force_error,
     frequency_error as frequency_error,
+    held_error as held_error,
+    held_frequencies as held_frequencies,
     likeness as likeness,
     listed as listed,
     match as match,
     relative_error as relative_error,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
+    undamped as undamped,
 )
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.projected_count import (

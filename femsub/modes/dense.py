@@ -8,7 +8,6 @@ import scipy.sparse as sp
 
 from femsub.algebra import LARGE, ROUNDING, SINGULAR
 from femsub.checks import EPS, EQUAL, Array, Matrix, NotConvergedError, SingularMatrixError
-from femsub.model import units
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
@@ -133,7 +132,8 @@ def semidefinite_frequencies(K: Array, M: Array) -> Array:
         return np.zeros(0)
     K, M = (K + K.T) / 2, (M + M.T) / 2
     heaviest = float(M.diagonal().max())
-    unit = units(K + np.diag(M.diagonal()) * (K.diagonal().max() / heaviest) if heaviest > 0 else K)
+    size = K.diagonal() + M.diagonal() * (K.diagonal().max() / heaviest if heaviest > 0 else 0.0)
+    unit = np.where(size > 0, size, 1.0) ** -0.5
     mass = M * np.outer(unit, unit)
     stiff = K * np.outer(unit, unit)
     values, turn = la.eigh(mass)

@@ -12,10 +12,10 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub import checks
-from femsub.algebra import by_diagonal
 from femsub.checks import EPS, EQUAL, Array, InputError, InputTypeError
-from femsub.model import DofMap, Pencil, ReducedSubstructure, RigidMotion, Substructure, units
+from femsub.model import DofMap, Pencil, ReducedSubstructure, RigidMotion, Substructure, by_diagonal, units
 from femsub.modes import motion_of, semidefinite_frequencies
+from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
 
 HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")
 PHYSICAL = ("constraint", "interface")  # kinds of coordinates beside which free modes are not alone
@@ -296,6 +296,16 @@ class GivenModel:
         wrong = (np.abs(P[:3, :3] - m * np.eye(3)).max() / m, np.abs(P[:3, 3:] + P[:3, 3:].T).max() / (2 * m * reach),
                  max(axes[2] - axes[0] - axes[1], -axes[0], 0.0) / (m * reach**2))
         return Body(P, m, c + self.dofs.points.mean(axis=0), float(max(wrong)), length)
+
+    def frequency_bounds(self, count: int) -> FrequencyBounds:
+        """Bounds of so many frequencies of the full model, by the small matrices and the cut-off; see `frequency_bounds`."""
+        kinds = np.full(self.size, "constraint", dtype=object)
+        kinds[self.modal] = HELD_KIND
+        M, K = ((A + A.T) / 2 for A in (self.M, self.K))
+        V = np.eye(self.size) if self.V is None else self.V
+        rom = ReducedSubstructure(M, K, None, {}, self.name, V=V, kinds=tuple(self.kinds or kinds.tolist()), cutoff=self.cutoff,
+                                  rigid_motion=self.carried)
+        return frequency_bounds(rom, count)
 
 
 def coupling(A: Array, some: Array, others: Array) -> float:

@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import Array, Tally, choice, instance, positive_number, truth
-from femsub.model import Substructure
+from femsub.checks import Array, Tally, choice, positive_number, truth
 from femsub.output import Chart, Displayed, Level, Panel, Series, Table, Verdict, column, fitted, floored
 from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
 from femsub.studies.audit_checks import SYSTEMS, findings
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.model import Pencil, Substructure
 
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
 NONE_FOUND = "no fault found"  # the verdict without the full model, which alone shows what is missing
@@ -239,8 +238,6 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
     if cutoff is not None:
         stated["cutoff"] = positive_number("cutoff", cutoff)
-    if full is not None:
-        instance("full", full, Substructure, "made by solid, read_component or others")
     case = Case.of(reduced, full=full, **stated)
     head = case.name, case.size, 0 if full is None else full.size, findings(case)
     if case.stopped:

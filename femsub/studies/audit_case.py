@@ -5,18 +5,18 @@ What several checks need of both is computed here, once.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import DENSE, EQUAL, Array, FemsubError, Tally
+from femsub.checks import DENSE, EQUAL, Array, FemsubError, FemsubWarning, Tally, instance
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_under
-from femsub.reduction import AGREE, HELD_KIND, SHAPED, GivenModel, dense
-from femsub.reduction.frequency_bounds import frequency_bounds
+from femsub.reduction import AGREE, METHODS, SHAPED, GivenModel, Method, dense, reduced_by
 
 if TYPE_CHECKING:
     from femsub.reduction import FrequencyBounds
@@ -94,6 +94,10 @@ class Case(GivenModel):
     sound: bool = True
     stopped: bool = False
 
+    def __post_init__(self) -> None:
+        if self.full is not None:
+            instance("full", self.full, Substructure, "made by solid, read_component or others")
+
     @cached_property
     def has(self) -> dict[str, bool]:
         """What checks may need, by its word."""
@@ -109,13 +113,8 @@ class Case(GivenModel):
             return unknown("no cut-off is stated")
         if self.basis != "held":
             return unknown("bounds without the full model are known for Craig-Bampton models alone")
-        kinds = np.full(self.size, "constraint", dtype=object)
-        kinds[self.modal] = HELD_KIND
         try:
-            M, K = ((A + A.T) / 2 for A in (self.M, self.K))
-            rom = ReducedSubstructure(M, K, None, {}, self.name, V=np.eye(self.size) if self.V is None else self.V,
-                                      kinds=tuple(self.kinds or kinds.tolist()), cutoff=self.cutoff, rigid_motion=self.carried)
-            return frequency_bounds(rom, max(1, min(self.few, len(self.elastic_frequencies))))
+            return self.frequency_bounds(max(1, min(self.few, len(self.elastic_frequencies))))
         except FemsubError as error:
             return unknown(f"they have no bounds: {error}")
 
@@ -171,30 +170,32 @@ class Case(GivenModel):
         """So many modes of the full model by one of its factors, or all."""
         return lowest_modes(handle, max(0, min(count, handle.elastic)))
 
-    @cached_property
-    def statics(self) -> tuple[Array, Array, Array] | Finding:
-        """Constraint modes C (n, n_b) of the full model, CᵀKC and CᵀMC; or why there are none."""
-        if not len(self.rows):
-            return unknown("no interface is known")
-        C = np.zeros((self.whole.size, len(self.rows)))
-        C[self.rows, np.arange(len(self.rows))] = 1.0
-        try:
-            if len(self.inside):
-                if self.held.rigid.shape[1]:
-                    return unknown("the interface does not hold the inside of the full model")
-                C[self.inside] = -self.held.elastic_solve((self.whole.K @ C)[self.inside], np.zeros((len(self.inside), 0)))
-        except FemsubError as error:
-            return unknown(str(error))
-        K, M = (C.T @ (A @ C) for A in (self.whole.K, self.whole.M))
-        return C, (K + K.T) / 2, (M + M.T) / 2
+    def reduced(self, method: Method, ports: bool = False) -> Substructure:
+        """The full model, with the interface as it is stated, reduced anew."""
+        full = self.whole
+        if not np.array_equal(self.rows, full.interface):
+            full = Substructure(full.M, full.K, full.D, self.rows, full.ports, full.name, full.dofs)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FemsubWarning)
+            return reduced_by(full, [method], (), ports)
 
     @cached_property
-    def comparable(self) -> tuple[Array, Array, Array, Array] | None:
-        """U, X of the reduced model and C, CᵀMC of the full one, where both have static responses to the same interface."""
+    def statics(self) -> Any:
+        """The full model reduced to its constraint modes, V; or why there are none."""
+        if not len(self.rows):
+            return unknown("no interface is known")
+        try:
+            return self.reduced(METHODS["guyan"]())
+        except FemsubError as error:
+            return unknown(str(error))
+
+    @cached_property
+    def comparable(self) -> tuple[Array, Array, ReducedSubstructure] | None:
+        """U and X of the reduced model, and the full one on its interface, where both have static responses to the same one."""
         if isinstance(self.statics, Finding) or self.interface is None or not len(self.B) or len(self.B) != len(self.rows) \
                 or self.static is None:
             return None
-        return self.parted[0], self.static, self.statics[0], self.statics[2]
+        return self.parted[0], self.static, self.statics
 
     @cached_property
     def moved(self) -> tuple[Array, Array, float | None] | Finding:

@@ -12,11 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from femsub.algebra import by_diagonal, over_diagonal
-from femsub.checks import EPS, EQUAL, Array
-from femsub.model import MOTIONS, rounding_of, units
-from femsub.modes import semidefinite_frequencies
-from femsub.reduction import AGREE, HELD_KIND, PRODUCTS, SHAPED, Body, Mapped, coupling, off_diagonal
+from femsub.checks import EPS, EQUAL, Array, FemsubError
+from femsub.model import MOTIONS, ReducedSubstructure, by_diagonal, over_diagonal, rounding_of, units
+from femsub.reduction import AGREE, HELD_KIND, METHODS, PRODUCTS, SHAPED, Body, GivenModel, Mapped, coupling, off_diagonal
 from femsub.studies.audit_case import FAULT, GOOD, Case, Finding, KeptModes, listed, unknown
 
 #: unit of length in m, of mass in kg
@@ -371,8 +369,7 @@ def other_spectrum(case: Case) -> Sight:
     sub, basis, n_b = case.whole, case.basis, len(case.rows)
     if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Finding)):
         return None
-    handle = case.factor
-    rigid = 0 if basis == "held" else handle.rigid.shape[1]
+    rigid = 0 if basis == "held" else case.free.rigid.shape[1]
     kept = case.kinds.count(HELD_KIND if basis == "held" else "free")
     if basis == "free" and not kept:  # Herting's kinds do not name the modes alone
         if sub.ports:
@@ -380,18 +377,13 @@ def other_spectrum(case: Case) -> Sight:
         kept = max(0, case.size - n_b - rigid)
     if kept > case.most:
         return unknown(f"the model has {kept} modes, and only up to {case.most} are compared", "Give V")
-    modes = case.lowest(handle, kept)
-    forces, ports = np.eye(sub.size)[:, case.rows], np.column_stack([np.zeros((sub.size, 0)), *sub.ports.values()])
-    also = ports if case.size == kept + rigid + n_b + ports.shape[1] else ports[:, :0]
-    if basis == "held" and not isinstance(case.statics, Finding):
-        inner = np.zeros((sub.size, modes.shapes.shape[1] + also.shape[1]))
-        if len(case.inside):
-            inner[case.inside] = np.hstack([modes.shapes, handle.elastic_solve(also[case.inside], modes.shapes)])
-        shapes = np.hstack([case.statics[0], inner])
-    else:
-        residual = handle.elastic_solve(np.hstack([forces, also]), modes.shapes)
-        shapes = np.hstack([modes.shapes, residual if case.projected else residual[:, :0]])
-    there, own = semidefinite_frequencies(*(shapes.T @ (A @ shapes) for A in (sub.K, sub.M))), case.free_frequencies
+    method = METHODS["craig-bampton" if basis == "held" else "craig-chang" if case.projected else "macneal"]
+    columns = sum(np.size(column) // sub.size for column in sub.ports.values())
+    try:
+        again = case.reduced(method(kept), ports=case.size == kept + rigid + n_b + columns)
+    except FemsubError:
+        return None
+    there, own = GivenModel.of(again).free_frequencies, case.free_frequencies
     elastic = there[case.free.rigid.shape[1]:]
     if len(own) != len(there) or not len(elastic) or not elastic[0]:
         return None  # shapes that depend on each other were left out
@@ -411,7 +403,7 @@ def unlike_statics(case: Case) -> Sight:
     if len(case.B) != n_b:
         return fault(f"the reduced model has {len(case.B)} interface DOF, the full one {n_b}",
                      "State both interfaces, in the same order")
-    C, K, _ = statics
+    C, K = statics.V, statics.K
     if case.interface is None:
         # what V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too
         shapes, V, elastic = C @ U, case.given["V"], case.elastic_frequencies
@@ -438,20 +430,20 @@ def unlike_statics(case: Case) -> Sight:
     return unlike_interface(over_diagonal(own - there, there, rounding), own, there)
 
 
-def unlike_inertia(case: Case, comparable: tuple[Array, Array, Array, Array]) -> Sight:
+def unlike_inertia(case: Case, comparable: tuple[Array, Array, ReducedSubstructure]) -> Sight:
     """XᵀMX of a Ritz model against the full model's on the interface, CᵀMC."""
-    U, X, _, M = comparable
-    own, there = X.T @ case.M @ X, U.T @ M @ U
+    U, X, statics = comparable
+    own, there = X.T @ case.M @ X, U.T @ statics.M @ U
     return unlike_interface(over_diagonal(own - there, there), own, there)
 
 
-def unlike_damping(case: Case, comparable: tuple[Array, Array, Array, Array], D: Array) -> Sight:
+def unlike_damping(case: Case, comparable: tuple[Array, Array, ReducedSubstructure], D: Array) -> Sight:
     """XᵀDX against the full model's on the interface, CᵀDC, where no V says more."""
-    U, X, C, M = comparable
-    own, there = X.T @ D @ X, U.T @ (C.T @ (case.whole.D @ C)) @ U
+    U, X, statics = comparable
+    own, there, C = X.T @ D @ X, U.T @ statics.D @ U, np.abs(statics.V)
     if not (own.any() or there.any()):
         return None
-    size = np.diag((np.abs(C).T @ (abs(case.whole.D) @ np.abs(C))).diagonal()) if there.any() else M
+    size = np.diag((C.T @ (abs(case.whole.D) @ C)).diagonal()) if there.any() else statics.M
     return unlike_interface(over_diagonal(own - there, U.T @ size @ U, PRODUCTS * size.max()), own, there)
 
 
@@ -499,15 +491,15 @@ def unconverged(case: Case, kept: KeptModes) -> Sight:
     return Seen(off, mode=int(kept.apart.argmax()) + 1, off=off) if len(kept.apart) else None
 
 
-def unlike_coupling(case: Case, kept: KeptModes, statics: tuple[Array, Array, Array], static: Array) -> Sight:
+def unlike_coupling(case: Case, kept: KeptModes, statics: ReducedSubstructure, static: Array) -> Sight:
     """M_bi: what the modes of each cluster take part in motions of the interface, Σ p pᵀ, which no rotation changes."""
-    U, at, (C, _, M_c) = case.parted[0], case.modal, statics
+    U, at, C = case.parted[0], case.modal, statics.V
     if kept.modes is None or case.basis != "held" or len(U) != len(case.rows) or "static port" in case.kinds:
         return None
     mass = np.abs(case.M.diagonal()[at])
     own = static.T @ case.M[:, at] / np.sqrt(np.where(mass > 0, mass, 1.0))
     true = U.T @ (C.T @ (case.whole.M[:, case.inside] @ kept.modes.shapes))
-    size = np.sqrt((U.T @ M_c @ U).diagonal())
+    size = np.sqrt((U.T @ statics.M @ U).diagonal())
     omega, there = case.modal_frequencies, kept.modes.frequencies
     worst, where, start = 0.0, 0.0, 0
     for end in np.flatnonzero(np.append(np.diff(there) > SHAPED * there[1:], True)) + 1:

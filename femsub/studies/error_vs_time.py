@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
+from femsub.algebra import QUADRATIC, WIDE, release, timed
 from femsub.checks import (
     Array,
     FemsubError,
@@ -32,7 +32,6 @@ from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, c
 from femsub.modes import (
     ComplexModes,
     NormalModes,
-    all_modes_of,
     beside_the_full,
     complex_modes,
     extra_eigenvalues,
@@ -44,8 +43,8 @@ from femsub.modes import (
     relative_error,
     spectrum_errors,
     turnover,
+    undamped,
 )
-from femsub.modes.normal_modes import normal_modes
 from femsub.reduction import (
     Bases,
     Method,
@@ -203,7 +202,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     # errors against the full model
     say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
-    modes = normal_modes(own, band=band) if model.size > SMALL else all_modes_of(own)
+    modes = undamped(own, band)
     rates = [turnover(model, load, spectrum) for load, spectrum in zip(asked.loads, full.spectra, strict=True)]
     rows = [asked.row(full, one, modes, rates) for one in (full, *small)]
     models = tuple(one.model for one in small)
@@ -272,7 +271,7 @@ class Comparison:
             keep = np.flatnonzero(~spectrum.rigid & ~spectrum.above_cutoff & in_band(spectrum.eigenvalues, self.band))
             growth = float(spectrum.eigenvalues.real[keep].max(initial=growth))
             votes += [spectrum.stable[i] for i in keep] or [None]
-        theirs = all_modes_of(self.at_rest(model)) if reduced else modes
+        theirs = undamped(self.at_rest(model)) if reduced else modes
         kept, force = kept_modes(model), np.nan
         if isinstance(self.model, System) and isinstance(model, System):
             force = force_error(self.model, modes, model, theirs, self.band) if reduced else 0.0

@@ -125,7 +125,7 @@ class CompareAsk(Ask):
         of, columns = "", ["mode", "omega"]
         if best is not None:
             of, columns = f", and of {best.label} with {best.size} DOF", [*columns, "reduced", "error"]
-            theirs = fs.modes.all_modes_of(found.models[found.rows.index(best)]).elastic
+            theirs = fs.modes.undamped(found.models[found.rows.index(best)]).elastic
             for at, to in zip(*fs.modes.match(own, theirs), strict=True):
                 if abs(theirs[to] - own[at]) <= fs.modes.NEAR * own[at]:
                     rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}
