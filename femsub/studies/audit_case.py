@@ -185,7 +185,7 @@ class Case(GivenModel):
         if not len(self.rows):
             return unknown("no interface is known")
         try:
-            return self.reduced(METHODS["guyan"]())
+            return self.reduced(METHODS["craig-bampton"](0))
         except FemsubError as error:
             return unknown(str(error))
 
