@@ -3,4 +3,3 @@ from .charts_errors import (
     study_chart as study_chart,
 )
 from .results import Row as Row, Study as Study
-from .self_excitation import table_rows as table_rows
