@@ -47,7 +47,7 @@ from .tables import (
     span as span,
     table as table,
 )
-from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units
+from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units, factor_words as factor_words
 from .verdicts import (
     ANSWERS as ANSWERS,
     NEVER as NEVER,

@@ -14,6 +14,7 @@ import numpy as np
 
 from femsub.checks import EPS, EQUAL, Array, FemsubError
 from femsub.model import MOTIONS, ReducedSubstructure, by_diagonal, over_diagonal, rounding_of, units
+from femsub.output import factor_words
 from femsub.reduction import AGREE, HELD_KIND, METHODS, PRODUCTS, SHAPED, Body, GivenModel, Mapped, coupling, off_diagonal
 from femsub.studies.audit_case import FAULT, GOOD, Case, Finding, KeptModes, listed, unknown
 
@@ -244,7 +245,7 @@ def unlike_body(case: Case, body: Body) -> Sight:
 
 def other_mass(case: Case, body: Body, stated: float) -> Sight:
     """|m / m_stated - 1|."""
-    return Seen(abs(body.mass / stated - 1), mass=body.mass, stated=stated, factor=factor(body.mass / stated))
+    return Seen(abs(body.mass / stated - 1), mass=body.mass, stated=stated, factor=factor_words(body.mass / stated))
 
 
 def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float = 1e8, fastest: float = 2e4) -> Sight:
@@ -267,19 +268,6 @@ def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float 
                  "No solid is like that: lengths, masses or times are in other units", density, heaviest)
 
 
-def factor(ratio: float) -> str:
-    """What a factor between two models may come from."""
-    known = {1e3: "t against kg, or N/mm against N/m", 1e6: "mm against m, squared", 1e9: "mm³ against m³",
-             1e12: "t/mm³ against kg/m³", 9.80665: "weight for mass", 9806.65: "weight for mass in mm",
-             386.0886: "weight for mass in inches (WTMASS)", 0.0254: "inches against m", 25.4: "inches against mm",
-             4.4482216: "lbf against N", 0.45359237: "lb against kg"}
-    for value, why in known.items():
-        for one in (value, 1 / value):
-            if ratio > 0 and abs(ratio / one - 1) < 2e-3:  # the digits of these factors, and of what is compared
-                return f", by a factor of {ratio:.4g} (as {why})"
-    return f", by a factor of {ratio:.6g}" if ratio > 0 else ""
-
-
 def common_factor(own: Array, there: Array) -> str:
     """What one factor between two matrices may come from; '' where they differ by none, or by less than 1 %."""
     large = np.abs(there) > AGREE * np.abs(there).max(initial=0.0)
@@ -287,7 +275,7 @@ def common_factor(own: Array, there: Array) -> str:
         return ""
     ratio = own[large] / there[large]
     middle = float(np.median(ratio))
-    return factor(middle) if np.abs(ratio - middle).max() <= 1e-3 * abs(middle) and abs(middle - 1) > 0.01 else ""
+    return factor_words(middle) if np.abs(ratio - middle).max() <= 1e-3 * abs(middle) and abs(middle - 1) > 0.01 else ""
 
 
 def unlike(apart: Array, own: Array, there: Array) -> Seen:
@@ -394,7 +382,7 @@ def other_spectrum(case: Case) -> Sight:
 
 
 def unlike_statics(case: Case) -> Sight:
-    """XᵀKX against the full model's stiffness condensed to the interface, or what V leaves out of the static response."""
+    """XᵀKX against the full model's stiffness condensed to the interface, where this is among the coordinates."""
     n_b, statics, U, X = len(case.rows), case.statics, case.parted[0], case.static
     if isinstance(statics, Finding):
         return statics
@@ -403,31 +391,33 @@ def unlike_statics(case: Case) -> Sight:
     if len(case.B) != n_b:
         return fault(f"the reduced model has {len(case.B)} interface DOF, the full one {n_b}",
                      "State both interfaces, in the same order")
-    C, K = statics.V, statics.K
     if case.interface is None:
-        # what V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too
-        shapes, V, elastic = C @ U, case.given["V"], case.elastic_frequencies
-        square = float(elastic[0]) ** 2 if len(elastic) else float(case.whole.K.diagonal().sum() / case.whole.M.diagonal().sum())
-        A = case.whole.K + case.whole.M * square
-        AC, AV = A @ shapes, A @ V
-        gram = V.T @ AV
-        unit = units(gram)
-        q = unit[:, None] * np.linalg.lstsq(gram * np.outer(unit, unit), unit[:, None] * (V.T @ AC), rcond=1e-14)[0]
-        rest = shapes - V @ q
-        left = float(np.sqrt(np.abs(np.einsum("ij,ij->j", rest, A @ rest)) / np.einsum("ij,ij->j", shapes, AC)).max(initial=0.0))
-        if left <= SHAPED:
-            return good("", left, SHAPED)
-        return fault(f"V leaves out a share of {left:.1e} of the static response to a motion of the interface, in the energy "
-                     "norm", "Add the static shapes of the interface: constraint modes, or residual attachment modes", left,
-                     SHAPED)
+        return None
     if X is None:
         return fault("the inside of the reduced model has no firm hold at the interface",
                      "A coordinate has no stiffness, or K is not that of this model")
     bare = case.whole.K.diagonal()[case.rows]
-    floor = np.abs(C).T @ (abs(case.whole.K) @ np.abs(C)) * PRODUCTS + EPS * np.sqrt(np.outer(bare, bare))
-    own, there = X.T @ case.K @ X, U.T @ K @ U
+    C = np.abs(statics.V)
+    floor = C.T @ (abs(case.whole.K) @ C) * PRODUCTS + EPS * np.sqrt(np.outer(bare, bare))
+    own, there = X.T @ case.K @ X, U.T @ statics.K @ U
     rounding = np.abs(U).T @ floor @ np.abs(U) + np.abs(X).T @ (abs(case.K) @ np.abs(X)) * PRODUCTS
     return unlike_interface(over_diagonal(own - there, there, rounding), own, there)
+
+
+def lost_statics(case: Case, V: Array, statics: ReducedSubstructure) -> Sight:
+    """What V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too."""
+    if case.interface is not None or len(case.B) != len(case.rows):
+        return None
+    whole, elastic = case.whole, case.elastic_frequencies
+    square = float(elastic[0]) ** 2 if len(elastic) else float(whole.K.diagonal().sum() / whole.M.diagonal().sum())
+    A, shapes = whole.K + whole.M * square, statics.V @ case.parted[0]
+    AC = A @ shapes
+    gram = V.T @ (A @ V)
+    unit = units(gram)
+    q = unit[:, None] * np.linalg.lstsq(gram * np.outer(unit, unit), unit[:, None] * (V.T @ AC), rcond=1e-14)[0]
+    rest = shapes - V @ q
+    left = np.sqrt(np.abs(np.einsum("ij,ij->j", rest, A @ rest)) / np.einsum("ij,ij->j", shapes, AC)).max(initial=0.0)
+    return Seen(left, left=left)
 
 
 def unlike_inertia(case: Case, comparable: tuple[Array, Array, ReducedSubstructure]) -> Sight:
@@ -562,9 +552,9 @@ class Check(NamedTuple):
     what: str
     needs: str
     figure: Callable[..., Sight]
-    limit: float | None
-    said: str
-    todo: str
+    limit: float | None = None
+    said: str = ""
+    todo: str = ""
     stops: bool = False
 
     def run(self, case: Case) -> Finding | None:
@@ -611,7 +601,7 @@ CHECKS = (
     Check("K positive", "", partial(negative, "K"), EQUAL,
           "K has a negative eigenvalue, mostly in coordinate {at}: a deformation would release energy",
           LOOK.format("stiffness")),
-    Check("coordinates independent", "", dependent, EQUAL, "", ""),
+    Check("coordinates independent", "", dependent),
     Check("D symmetric", "D, damped", gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",
           "If it turns, state it (gyroscopic); else an entry is lost, or a triangle is"),
     Check("D takes energy out", "D, damped", feeding, EQUAL,
@@ -622,18 +612,18 @@ CHECKS = (
     Check("modes and interface share no stiffness", "", shared_stiffness, AGREE,
           "ΨᵀKΦ is not 0 between constraint modes Ψ and fixed-interface modes Φ",
           "The constraint modes are not the static response of this K: compute them again, K_ii Ψ_i = -K_ib"),
-    Check("mass that the modes move", "mapped", moved_mass, None, "", ""),
+    Check("mass that the modes move", "mapped", moved_mass),
     # what the full model decides better where it is known
-    Check("no mode twice", "alone, no V", alike_modes, None, "", ""),
+    Check("no mode twice", "alone, no V", alike_modes),
     Check(STRAINED, "alone, motion", carried_strain, EQUAL, "the rigid motion that the model carries has an elastic energy",
           "K has been changed, or grounded by a spring, since it was reduced"),
-    Check(STRAINED, "alone", mapped_strain, EQUAL, "", ""),
+    Check(STRAINED, "alone", mapped_strain),
     Check("mass and inertia", "alone, body", unlike_body, AGREE,
           "the masses along x, y, z are {masses}, or moments do not fit a rigid body",
           "Mass is lost, DOF are swapped, or rotations have other units than translations"),
     Check("mass as stated", "alone, body, mass", other_mass, 0.01, "the mass is {mass:.6g}, but {stated:.6g} is stated{factor}",
           "Check density and units"),
-    Check("units fit", "alone, body", implausible, None, "", ""),
+    Check("units fit", "alone, body", implausible),
     # against the full model
     Check("interface list", "full", other_interface, None, "{why}", "Take the list that the reduction was made with"),
     Check("V moves the interface", "full, V, interface", unmoved_interface, AGREE,
@@ -647,6 +637,9 @@ CHECKS = (
           "frequency {mode} of all {count} is {own:.6g}, but {there:.6g} in the span of the shapes that the kinds name",
           "An entry of M or K is wrong, or the coordinates are not what their kinds say"),
     Check("static interface response", "full", unlike_statics, AGREE, PLACE.format("the condensed stiffness"), "{guess}"),
+    Check("static interface response", "full, V, statics", lost_statics, SHAPED,
+          "V leaves out a share of {left:.1e} of the static response to a motion of the interface, in the energy norm",
+          "Add the static shapes of the interface: constraint modes, or residual attachment modes"),
     Check("inertia seen from the interface", "full, projected, comparable", unlike_inertia, AGREE,
           PLACE.format("the mass of static shapes"), "{guess}"),
     Check("damping seen from the interface", "full, no V, comparable, D", unlike_damping, AGREE,
@@ -674,8 +667,8 @@ CHECKS = (
           "elastic mode {mode} of the full model has ω = {there:.6g}, below the bound {bound:.6g} by the stated cut-off",
           "The cut-off is not what is stated, or the matrices are not those of this model"),
     # what nobody can know
-    Check(BELOW, "alone", unseen_modes, None, "", ""),
-    Check("frequencies", "", unknown_frequencies, None, "", ""))
+    Check(BELOW, "alone", unseen_modes),
+    Check("frequencies", "", unknown_frequencies))
 
 
 def findings(case: Case) -> tuple[Finding, ...]:
