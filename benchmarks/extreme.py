@@ -532,7 +532,7 @@ def main(*, cases: tuple[str, ...] = (), quick: bool = False, list: bool = False
     counts, odd = Counter(row["verdict"] for row in rows), [row["case"] for row in rows if not row["as_known"]]
     summary = (f"{len(rows)} cases in {time.perf_counter() - start:.0f} s: {counts['right']} right within their bounds, "
                f"{counts['refused']} refused with the reason, {counts['wrong']} wrong")
-    data = {"machine": report.machine() | report.versions(), "summary": summary, "rows": rows, "other_than_known": odd}
+    data = {"machine": fs.algebra.machine() | report.versions(), "summary": summary, "rows": rows, "other_than_known": odd}
     result = Result(data, [text(rows), Table("extreme", rows)])
     print(result.text(), "", summary, *([f"other than known: {', '.join(odd)}"] if odd else []), sep="\n")
     report.write(result, out, figures=False, name="extreme")

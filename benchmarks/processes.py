@@ -72,8 +72,8 @@ def machine() -> Row:
     """Processor, cores, versions, and how many threads each BLAS has, when everything is loaded."""
     warm_up()
     threads = {Path(one["filepath"]).name: one["num_threads"] for one in libraries().info() if one["user_api"] == "blas"}
-    return report.machine() | report.versions() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
-                               "blas_threads": threads}
+    return fs.algebra.machine() | report.versions() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
+                                                       "blas_threads": threads}
 
 
 class Worker:

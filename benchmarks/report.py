@@ -27,7 +27,7 @@ from typing import Any
 from benchmarks import UsageError
 from benchmarks.pictures import NUMBERS, commit, plain, shown
 from benchmarks.processes import begin, put
-from femsub.algebra.petsc import versions
+from femsub.algebra import machine, petsc
 from femsub.app import report
 from femsub.app.grammar import built_in
 
@@ -112,7 +112,7 @@ def run(step: Step, folder: Path) -> str:
     shown = shlex.join([part.replace(sys.executable, "python").replace(str(folder), "out").replace(f"{ROOT}/", "")
                         for part in command])
     done = {"command": shown, "commit": commit(), "seconds": time.perf_counter() - start, "date": time.strftime("%Y-%m-%d"),
-            "machine": report.machine() | report.versions() | versions(), "warnings": errors.strip().splitlines()}
+            "machine": machine() | report.versions() | petsc.versions(), "warnings": errors.strip().splitlines()}
     put(folder, {"done.json": json.dumps(done, indent=1)})
     return ""
 

@@ -81,6 +81,7 @@ from .motion.cycles.branch import Branch as Branch, branch as branch
 from .motion.cycles.limit_cycle import LimitCycle as LimitCycle, harmonic_balance as harmonic_balance
 from .motion.cycles.shooting import ShotCycle as ShotCycle, shoot as shoot
 from .motion.nonlinear_model import State as State
+from .motion.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation
 from .motion.signals import (
     growth_rate as growth_rate,
     rms as rms,
@@ -116,4 +117,3 @@ from .stability.tracking import Tracked as Tracked, track as track
 from .studies.audit import Audit as Audit, audit as audit
 from .studies.error_vs_time import study as study
 from .studies.results import Study as Study
-from .studies.self_excitation import SelfExcitation as SelfExcitation, self_excitation as self_excitation

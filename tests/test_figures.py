@@ -21,7 +21,7 @@ pytest.importorskip("matplotlib")
 
 from femsub import annulus, rectangle
 from femsub.components.pictures import shapes_figure
-from femsub.modes import eigenvalue_chart
+from femsub.modes import eigenvalue_chart, springs_chart
 from femsub.motion.charts import envelope
 from femsub.output import (
     MANY,
@@ -39,8 +39,8 @@ from femsub.output import (
     new_figure,
     render,
 )
+from femsub.stability import growth_chart
 from femsub.studies.charts_errors import error_time_chart, errors_chart, friction_errors_chart
-from femsub.studies.charts_models import growth_chart, springs_chart
 
 #: what those see who lack one kind of cones, on linear RGB (Machado, Oliveira and Fernandes 2009, severity 1)
 SEEN = {"all": np.eye(3),

@@ -18,9 +18,9 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.moving import MODE_FILE
 from femsub.io import mesh_text
 from femsub.io.atomic import NEXT, TEMPORARY
+from femsub.output import MODE_FILE
 
 CHAIN = 'scene = "chain"\nfigures = false\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n'
 MARK = "from pathlib import Path\nPath({!r}).write_text('run')\n"

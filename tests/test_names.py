@@ -15,9 +15,9 @@ import pytest
 import femsub as fs
 from femsub.app import cli
 from femsub.app.grammar import Scene
-from femsub.app.report import table_csv
 from femsub.checks import FemsubWarning, csv_cell, printable, shown, unknown_name, warn
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
+from femsub.output import table_csv
 
 EVIL = "pad\x1b]0;owned\x07\x1b[31m\x9b2J\u202e"
 

@@ -20,16 +20,20 @@ import pytest
 from test_results import CHAIN, SMALL, difference, results, scene_file
 
 import femsub as fs
-from femsub.app import page, report
+from femsub.app import page
 from femsub.app.cli import main
+from femsub.app.explain import toml_text
 from femsub.app.grammar import Scene
-from femsub.app.moving import MODE_FILE, moving, read_mode
+from femsub.app.moving import moving, read_mode
 from femsub.app.result import Result
 from femsub.checks import installed_by
+from femsub.motion import cycles_verdict
+from femsub.output import MODE_FILE, Remark, answer, to_json
+from femsub.output.page import coded, rows_of
 from femsub.reduction import METHODS
-from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
+from femsub.stability import critical_chart
+from femsub.studies import Study
 from femsub.studies.charts_errors import error_time_chart, errors_chart
-from femsub.studies.charts_models import critical_chart
 
 pytest.importorskip("plotly", reason="the page of a run is drawn by Plotly")
 
@@ -153,7 +157,7 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     for file in tables:
         with (folders[name] / file).open(encoding="utf-8", newline="") as lines:
             rows = list(csv.DictReader(lines))
-        shown = page.rows_of(told, told["tables"][file.removesuffix(".csv")])
+        shown = rows_of(told, told["tables"][file.removesuffix(".csv")])
         assert len(shown) == len(rows) and f"({len(rows)} row{'s' * (len(rows) != 1)}, {file})" in text
         for row, known in zip(rows, shown, strict=True):
             differ = {key: (row[key], value) for key, value in known.items() if isinstance(value, float) and key in row
@@ -163,7 +167,7 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     assert tables and panels_of(told)
     # the inputs are a scene file of the same scene
     again = tmp_path / "again.toml"
-    again.write_text(page.inputs_toml(told["inputs"]), encoding="utf-8")
+    again.write_text(toml_text(told["inputs"]), encoding="utf-8")
     assert not difference(tomllib.loads(again.read_text(encoding="utf-8")), without_empty(told["inputs"]))
     if not told["files"]:
         one, other = (Scene.from_file(path) for path in (again, folders[name] / "results.json"))
@@ -208,28 +212,28 @@ def with_rows(study: Study, **changes: Any) -> Study:
 def test_the_verdict_follows_the_recommendation(found: Study) -> None:
     row = found.recommended()
     assert row is not None
-    yes = answer([study_choice(found)])
+    yes = answer([found.advice()])
     assert yes.answer == "yes" and f"({row.size} DOF)" in yes.headline and "of 10 DOF" in yes.headline
     assert "In the band both models are unstable." in yes.decides
-    other = answer([study_choice(with_rows(found, stable=True))])
+    other = answer([with_rows(found, stable=True).advice()])
     assert any(line.startswith("Mind: in the band the full model is unstable and the small one stable") for line in other.decides)
-    none = study_choice(with_rows(found, error_growth=1.0))
-    assert answer([none]).answer == "no" and answer([none, study_choice(found, where="m1")]).answer == "in part"
+    none = with_rows(found, error_growth=1.0).advice()
+    assert answer([none]).answer == "no" and answer([none, found.advice(where="m1")]).answer == "in part"
     assert answer([]).answer == "open" and answer([Remark(unchecked=["this."])]).unchecked == ["this."]
-    never = study_choice(with_rows(found, critical=-np.inf, error_critical=0.0))
+    never = with_rows(found, critical=-np.inf, error_critical=0.0).advice()
     assert "At no slope does it lose its stability in the band, and neither does the full model." in never.decides
-    far = study_choice(with_rows(found, critical=-np.inf, error_critical=1.0))
+    far = with_rows(found, critical=-np.inf, error_critical=1.0).advice()
     assert any("critical slope is -inf, within 1.0e+00" in line for line in far.decides)
 
 
 def test_the_verdict_over_a_range_is_that_of_the_critical_value(found: Study) -> None:
     over = replace(found, parameter="mu", values=(0.2, 0.5), between=(0.0, 0.6))
-    fit = study_choice(with_rows(over, error_critical=5e-3, error_growth=1.0, missed=0, invented=1), 1e-2)
+    fit = with_rows(over, error_critical=5e-3, error_growth=1.0, missed=0, invented=1).advice(1e-2)
     assert fit.model and "No unstable mode of the full model is missed, but 1 invented." in fit.decides
     assert fit.decides[0].endswith(": the critical μ is within 5.0e-03 of the full model's; the tolerance is 0.01.")
     assert "The full model was solved at μ = 0.2, 0.5 alone." in answer([fit]).unchecked
     for bad in ({"missed": 1, "error_critical": 0.0}, {"missed": 0, "error_critical": 0.02}):
-        none = study_choice(with_rows(over, **bad), 1e-2)
+        none = with_rows(over, **bad).advice(1e-2)
         assert not none.model and answer([none]).answer == "no"
 
 
@@ -246,7 +250,7 @@ def test_the_page_says_what_the_study_recommends(folders: dict[str, Path]) -> No
 
 
 def test_the_verdict_says_what_failed_and_that_it_was_interrupted() -> None:
-    told = report.results(Result({"failed": {"modes": "too few"}, "complete": False}))["verdict"]
+    told = Result({"failed": {"modes": "too few"}, "complete": False}).record()["verdict"]
     assert len(told["unchecked"]) == 2
     for words in ("modes failed: too few", "interrupted"):
         assert any(words in line for line in told["unchecked"])
@@ -267,11 +271,11 @@ def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_numbers_that_are_infinite_or_unknown_are_told_and_not_drawn(value: float, found: Study) -> None:
     odd = with_rows(found, critical=value, error_critical=value, error_eigenvalue=value, error_force=value)
-    assert study_choice(odd).decides
+    assert odd.advice().decides
     slopes = [{"model": row.method, "modes": row.modes, "size": row.size, "value": row.critical, "error": row.error_critical}
               for row in (odd.full, *odd.rows)]
     for chart in (error_time_chart([("{m1}", odd)]), errors_chart(odd, "x", "methods"), critical_chart(slopes, [], "dμ/dv", "x")):
-        told = json.loads(report.to_json(chart.plain()))
+        told = json.loads(to_json(chart.plain()))
         assert told["places"]
         for series in (one for place in told["places"] for panel in place["panels"] for one in panel["series"]):
             for values in (series["x"], series["y"], *(values for _, values in series["hover"])):
@@ -285,7 +289,7 @@ from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.output import Chart, Panel, Series, Table, column
-from femsub.studies import Verdict
+from femsub.output import Verdict
 
 @dataclass(frozen=True)
 class Places(Ask):
@@ -377,7 +381,7 @@ def test_a_mode_s_file_holds_the_shape_in_single_precision(folders: dict[str, Pa
     told = results(folders["solid"])["complex-modes"]["least_stable"]
     assert mode.facts["eigenvalue"] == told["eigenvalue"] and mode.points.dtype == np.float32
     assert np.linalg.norm(mode.u, axis=1).max() == pytest.approx(1, abs=1e-6)
-    sent = page._sent(mode)
+    sent = coded(mode)
     again = np.frombuffer(__import__("base64").b64decode(sent["real"]), "<i2").reshape(-1, 3) * sent["unit"]
     np.testing.assert_allclose(again, mode.u.real, atol=sent["unit"])
 
@@ -543,7 +547,7 @@ from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Result
 from femsub.stability import stability_map_chart, stability_map_tables
-from femsub.studies import Verdict
+from femsub.output import Verdict
 
 @dataclass(frozen=True)
 class Maps(Ask):

@@ -318,7 +318,7 @@ def test_a_refusal_that_comes_late_leaves_a_method_out(tmp_path: Path, capsys: p
 def test_parts_are_reduced_for_the_study_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     written(tmp_path)
     reduced: list[Any] = []
-    monkeypatch.setattr("femsub.studies.error_vs_time.reduce", lambda sub, method, *given, **options: (
+    monkeypatch.setattr("femsub.reduction.steps.reduce", lambda sub, method, *given, **options: (
         reduced.append(method), fs.reduce(sub, method, *given, **options))[1])
     data = run(tmp_path, OWN)
     assert [list(one) for one in reduced] == [["front"]] * 4

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from femsub.modes import match
-from femsub.studies.self_excitation import CRITERIA, table_rows
+from femsub.motion.self_excitation import CRITERIA, table_rows
 
 BELT = fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=1e-3))
 FULL = fs.chain(10, belt=2, damping=0.1)
@@ -160,7 +160,7 @@ def test_a_large_sparse_model_in_a_band() -> None:
 
 
 def test_a_sequence_solves_the_full_model_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    from femsub.studies import self_excitation
+    from femsub.motion import self_excitation
 
     asked: list[int] = []
     original = self_excitation.complex_modes

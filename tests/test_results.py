@@ -25,10 +25,10 @@ import scipy.io
 from sandbox import HOOK
 
 import femsub as fs
+from femsub.algebra import commit
 from femsub.app.cli import main
 from femsub.app.grammar import Scene, built_in, text_of
-from femsub.app.report import commit, table_csv
-from femsub.output import SYSTEMS, UNKNOWN, WIDTH
+from femsub.output import SYSTEMS, UNKNOWN, WIDTH, table_csv
 
 #: beside a model
 VARIED = 'vary = {"part.chain.belt" = [1, 2], "part.chain.interface" = [[1], [1, "belt"]]}\n'
@@ -480,7 +480,8 @@ def test_each_scale_of_a_figure_has_its_own_axis_in_hertz(tmp_path: Path) -> Non
 def test_a_note_stands_at_the_foot_of_the_figures_of_its_ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     feet = {}
-    monkeypatch.setattr("femsub.output.render", lambda make, file, units, note="": feet.update({Path(file.name).name: note}))
+    monkeypatch.setattr("femsub.output.result.render",
+                        lambda make, file, units, note="": feet.update({Path(file.name).name: note}))
     text = '[[ask]]\nfriction-law = [0.1]\nnote = "as Fig. 2"\n[[ask]]\ncritical = "slope"\n' + VARIED
     assert main(["run", scene_file(tmp_path, "chain", text), "--out", str(tmp_path / "out")]) == 0
     assert sorted(note for note in feet.values()) == ["", "as Fig. 2"] and len(feet) == 2

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.grammar import Scene, text_of
-from femsub.app.report import to_json
+from femsub.output import to_json
 
 CHAIN = 'scene = "chain"\n'
 QUICK = CHAIN + "[reduce]\nsizes = [3, 5]\nrepeats = 1\n"

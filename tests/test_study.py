@@ -15,8 +15,8 @@ import femsub as fs
 from femsub.algebra.petsc import SparseFactor
 from femsub.algebra.timing import timed
 from femsub.modes import match, spectrum_errors, turnover
+from femsub.output import answer
 from femsub.reduction import METHODS, Reductor
-from femsub.studies import answer, study_choice
 from femsub.studies.results import Row, Study, Timing, with_front
 
 
@@ -267,7 +267,7 @@ def test_without_an_interface_methods_that_coincide_are_compared_once() -> None:
     assert " ".join(free.brief().split()).endswith(" ".join(free.left_out))  # a table of one method only needs its reasons
     joined = fs.study(fs.chain(10, belt=2), methods, (0.0, 0.75), repeats=1)
     assert len(joined.rows) == len(methods) and not joined.left_out
-    assert study_choice(free, 0.5).condition == ["the model has no interface. Nothing is known of it joined to others."]
+    assert free.advice(0.5).condition == ["the model has no interface. Nothing is known of it joined to others."]
 
 
 def test_a_model_that_is_good_free_may_be_bad_held() -> None:
@@ -300,7 +300,7 @@ def test_the_verdict_names_its_condition_and_the_figure_for_a_held_interface(hel
     large = replace(small, method="craig-bampton", modes=9, size=20, error_held=1e-5 if held == 8e-2 else held)
     full = replace(small, method="full", modes=0, size=100, error_held=0.0)
     found = Study("x", (0.0, 1.0), 3, full, (small, large), interface=2)
-    choice = study_choice(found)
+    choice = found.advice()
     assert choice.condition[0].endswith(words)
     said = answer([choice]).text.splitlines()
     assert said[0] == "May a small model replace the full one?"
@@ -406,4 +406,4 @@ def test_without_damping_the_frequencies_decide() -> None:
     tol = float(np.sqrt(errors[0] * errors[1]))
     assert found.decisive == "error_frequency" and found.recommended(tol) is found.rows[1]
     assert "of the undamped frequencies" in found.recommendation(tol) and "err ω" in found.brief(tol)
-    assert "the undamped frequencies in the band are within" in study_choice(found, tol).decides[0]
+    assert "the undamped frequencies in the band are within" in found.advice(tol).decides[0]

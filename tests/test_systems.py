@@ -14,7 +14,6 @@ import femsub as fs
 from femsub.modes.normal_modes import NormalModes, all_modes
 from femsub.reduction import reduce as part_by_part
 from femsub.reduction.reduce import METHODS
-from femsub.studies import error_vs_time
 
 pytestmark = pytest.mark.filterwarnings("ignore::femsub.checks.PortWarning")  # every part has a port
 BAND = (0.0, 0.35)
@@ -22,7 +21,7 @@ ROUNDING = 1e-9
 
 
 def force_error(full: fs.System, reduced: fs.System, band: tuple[float, float]) -> float:
-    return error_vs_time.force_error(full, all_modes(full.K, full.M), reduced, all_modes(reduced.K, reduced.M), band)
+    return fs.modes.force_error(full, all_modes(full.K, full.M), reduced, all_modes(reduced.K, reduced.M), band)
 
 
 def system(pieces: int = 3, n: int = 60) -> fs.System:
@@ -136,7 +135,7 @@ def test_the_modes_of_the_full_system_are_computed_once(monkeypatch: pytest.Monk
         solved.append(K is full.K)
         return all_modes(K, M, **carried)
 
-    monkeypatch.setattr(error_vs_time, "all_modes", counted)
+    monkeypatch.setattr("femsub.modes.quadratic.matching.all_modes", counted)
     fs.study(full, [dict.fromkeys(full.parts, fs.CraigBampton(count)) for count in (2, 3, 4)], BAND, repeats=1)
     assert sum(solved) == 1  # not once more for each row
 

@@ -14,9 +14,9 @@ from extendpages import names_of
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
+from femsub.coupling import friction_chart
 from femsub.coupling.contacts.belt import LAWS, FrictionLaw
 from femsub.output import draw
-from femsub.studies.charts_models import friction_chart
 
 Rational: Any = names_of("law", blocks=1)["Rational"]  # rises within ε, then falls; only what the protocol asks for
 

@@ -15,8 +15,8 @@ import femsub as fs
 from femsub.app.cli import main
 from femsub.output import draw
 from femsub.reduction.method import METHODS, Method
+from femsub.stability import critical_chart
 from femsub.studies.charts_errors import error_time_chart
-from femsub.studies.charts_models import critical_chart
 
 KEY, LABEL, COLOUR = "second-order", "Second order", "#2a7f3f"
 SCENE = f"""

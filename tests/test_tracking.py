@@ -364,7 +364,7 @@ def test_a_meeting_has_a_mark_that_no_model_has() -> None:
     solved = [(mu, fs.complex_modes(model.at(mu=mu)).eigenvalues) for mu in (0.5, 1.0)]
     chart = flutter_chart("a", {"reduced": fs.track(model, None, "mu", np.linspace(0.0, 1.0, 12))}, {}, "mu", "two modes",
                           {"full": solved})
-    page = (Path(fs.__file__).parent / "app" / "page.html").read_text(encoding="utf-8")
+    page = (Path(fs.__file__).parent / "output" / "page.html").read_text(encoding="utf-8")
     for panel in chart.panels:
         marks = {one.name: one.look.marker for one in panel.series if one.look.marker}
         meeting = marks.pop("coalescence or splitting")

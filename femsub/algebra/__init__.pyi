@@ -86,6 +86,7 @@ from .petsc import (
     quadratic_modes as quadratic_modes,
     symmetric_modes as symmetric_modes,
 )
+from .processes.about import commit as commit, machine as machine
 from .processes.beside import (
     columns_left as columns_left,
     completed as completed,

@@ -7,24 +7,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from femsub.app.keys import key, keys_of
 from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
 MODEL = "model.json"  # of a folder of write_matrices
-#: options, their metavariables, and what they mean; those of the first five are keys of the reduced model's files
-OPTIONS = {
-    "V": ("FILE", "the file of the basis, with a row for each DOF of the full model"),
-    "interface": ("LIST", "the coordinates of the reduced model that are interface DOF, from 0; with commas between"),
-    "dofs": ("FILE", "the file of their DOF map, 'node,component,x,y,z' a line"),
-    "kinds": ("LIST", "the kind of each coordinate, such as 'constraint' and 'fixed-interface'; with commas between"),
-    "full_dofs": ("FILE", "the file of the full model's DOF map"),
-    "full_interface": ("LIST", "the interface as DOF of the full model, in the order of the reduced one: from 0, or by the map "
-                       "as '12:uz' or '12:*'"),
+#: options that are keys of the ask, or of the scene
+STATED = {
     "cutoff": ("NUMBER", "the cut-off: all modes below it are kept, as the author states [rad/time]"),
     "mass": ("NUMBER", "the mass that the part should have"),
     "floating": ("yes|no", "whether the part is unsupported (floats)"),
@@ -32,14 +27,45 @@ OPTIONS = {
 }
 
 
+@dataclass(frozen=True)
+class ModelFiles:
+    """A model as it lies in files: the model.json of a folder of write_matrices, or its matrices."""
+
+    model: str = key("", "the model.json of a folder of write_matrices", file=True, example="small/model.json",
+                     otherwise="it comes from its matrices")
+    M: str = key("", "the file of the mass matrix", example="M.mtx", file=True, otherwise="that of model")
+    K: str = key("", "the file of the stiffness matrix", required_with="M", example="K.mtx", file=True, otherwise="that of model")
+    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
+    V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx",
+                 file=True)
+    dofs: str = key("", "the file of the DOF map; of a reduced model that of its interface, 'node,component,x,y,z' a line",
+                    otherwise="none", file=True, example="interface.csv")
+    interface: list[int | str] = key([], "interface DOF: of a reduced model its coordinates, from 0; of a full one from 0, or by "
+                                     "the map as '12:uz' or '12:*', in the order of the reduced one", least=0, example=[0, 1, 2],
+                                     otherwise="not known")
+    kinds: list[str] = key([], "the kind of each coordinate, such as 'constraint' and 'fixed-interface'", otherwise="not stated",
+                           example=["constraint", "fixed-interface"])
+
+    def __post_init__(self) -> None:
+        if bool(self.model) == bool(self.M):
+            raise InputError("give the model.json of a folder, model, or the files of the matrices, M and K")
+        if self.model and Path(self.model).name != MODEL:
+            raise InputError(f"model names {self.model}, but must name the {MODEL} of a folder of write_matrices")
+
+
 def add_arguments(command: argparse.ArgumentParser) -> None:
     """The arguments of the command beside those of every run."""
     command.add_argument("files", nargs="+", metavar="FILE",
                          help="a folder of write_matrices, or the files of M and K, and of D if there is one")
     command.add_argument("--full", nargs="+", metavar="FILE", default=[], help="the full model, named alike")
-    for name, (shape, text) in OPTIONS.items():
-        kind: Any = {"LIST": listed, "NUMBER": float}.get(shape, str)
-        command.add_argument(f"--{name.replace('_', '-')}", type=kind, metavar=shape, help=text)
+    keys = keys_of(ModelFiles)
+    for name in ("V", "interface", "dofs", "kinds", "full-dofs", "full-interface"):
+        one = keys[name.removeprefix("full-")]
+        meaning = one.meaning if name in keys else f"that of the full model, as --{name.removeprefix('full-')}"
+        command.add_argument(f"--{name}", type=str if one.file else listed, metavar="FILE" if one.file else "LIST",
+                             help=meaning if one.file else f"{meaning}; with commas between")
+    for name, (shape, text) in STATED.items():
+        command.add_argument(f"--{name}", type=float if shape == "NUMBER" else str, metavar=shape, help=text)
     command.add_argument("--gyroscopic", action="store_true", default=None, help="the part turns, so that D may be unsymmetric")
 
 
@@ -53,12 +79,14 @@ def scene(given: argparse.Namespace) -> Scene:
     """The scene of the command."""
     from femsub.app.grammar import Scene
 
-    known = {name: value for name in (*OPTIONS, "gyroscopic") if (value := getattr(given, name)) is not None}
-    own = _named(given.files) | {name: known.pop(name) for name in ("V", "interface", "dofs", "kinds") if name in known}
-    full = _named(given.full) if given.full else {}
-    full |= {name.removeprefix("full_"): known.pop(name) for name in ("full_dofs", "full_interface") if name in known}
-    units = {"units": known.pop("units")} if "units" in known else {}
-    return Scene({"name": "audit", **units, "ask": [{"audit": own, **({"full": full} if full else {}), **known}]})
+    def stated(names: Sequence[str], before: str = "") -> dict[str, Any]:
+        """The options that are there, by their keys."""
+        return {name: value for name in names if (value := getattr(given, before + name)) is not None}
+
+    own = _named(given.files) | stated(("V", "interface", "dofs", "kinds"))
+    full = (_named(given.full) if given.full else {}) | stated(("dofs", "interface"), "full_")
+    ask = {"audit": own, **({"full": full} if full else {}), **stated(("cutoff", "mass", "floating", "gyroscopic"))}
+    return Scene({"name": "audit", **stated(["units"]), "ask": [ask]})
 
 
 def _named(files: Sequence[str]) -> dict[str, Any]:

@@ -63,7 +63,7 @@ def new_text(source: str) -> str:
     table = parsed(path.read_text(encoding="utf-8"), source)
     if (name := table.pop("scene", None)) is not None:
         table = merged(parsed(text_of(str(name)), str(name)), table, Kinds())
-    return f"#:schema {FILE}\n" + "\n".join(toml_lines(table, "")) + "\n"
+    return f"#:schema {FILE}\n" + toml_text(table)
 
 
 def first_line(kind: Any) -> str:
@@ -133,6 +133,11 @@ def toml_key(key: str) -> str:
     """A key, in quotes where it needs them."""
     return key if key and all((mark.isalnum() and mark.isascii()) or mark in "_-" for mark in key) else json.dumps(key,
                                                                                                                    ensure_ascii=False)
+
+
+def toml_text(table: Mapping[str, Any]) -> str:
+    """A scene file: keys first, then tables."""
+    return "\n".join(toml_lines(table, "")) + "\n"
 
 
 def toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:

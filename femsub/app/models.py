@@ -18,9 +18,8 @@ from femsub.checks import Array, InputError, PortWarning
 from femsub.components import joined_mesh, node_rows
 from femsub.model import MOTIONS, contacts_at, family_of
 from femsub.modes import beside_the_full
-from femsub.reduction import METHODS, Method
+from femsub.reduction import METHODS, Method, in_words, key_of, reduced_by
 from femsub.stability import pencil_over, with_value
-from femsub.studies import in_words, key_of, reduced_by
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -7,29 +7,20 @@ import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
 from femsub.checks import Array, InputError
 from femsub.components import boundary_faces, corner_nodes
 from femsub.io import Writer, read_arrays
+from femsub.output import MODE_FILE, Moving
 
 if TYPE_CHECKING:
     from femsub import Mesh
 
-MODE_FILE = "mode.npz"
 MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
 ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
-
-
-class Moving(NamedTuple):
-    """u(t) = Re(u e^(iφ)) at points (n, 3), joined by `cells`, rows of points: lines (m, 2) or triangles (m, 3)."""
-
-    facts: dict[str, Any]  #: title, eigenvalue, size of the mesh, and whatever else the page says of it
-    points: Array
-    cells: Array
-    u: Array
 
 
 def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:

@@ -14,10 +14,11 @@ from typing import Any, BinaryIO
 
 from femsub.app.grammar import Scene, copied
 from femsub.app.inputs import RESULTS, results_of
-from femsub.app.report import machine, remove, results, to_json, versions, write
+from femsub.app.report import run_on, write
 from femsub.app.result import Progress, Result
 from femsub.checks import FemsubWarning, InputError, first_few, hash_of, installed_by, is_there, resolved, warn
-from femsub.io import Writer, texts_read
+from femsub.io import Writer, remove, texts_read
+from femsub.output import to_json
 
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 
@@ -37,7 +38,7 @@ class Record:
             warn(f"no figures are drawn, they need matplotlib: {installed_by('matplotlib')}", FemsubWarning)
             self.scene = scene.without_figures()
         if scene.paged:
-            from femsub.app.page import check_plotly
+            from femsub.output import check_plotly
 
             check_plotly()  # not after hours
         self.last: dict[str, Any] = {}  # the files that the last run of this scene wrote into the folder, with their hashes
@@ -72,14 +73,14 @@ class Record:
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
         """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
         data: dict[str, Any] = {
-            "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(),
-            "machine": machine(), "inputs": self.inputs, "files": self.files}
+            "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), **run_on(),
+            "inputs": self.inputs, "files": self.files}
         if warned:
             data["warnings"] = list(warned)
-        result = replace(result, data=data | results(result, self.scene.units))
+        result = replace(result, data=data | result.record(self.scene.units))
         if self.scene.paged:
             result = replace(result, files=result.files | _page(result))
-        written = write(result, self.folder, self.scene.figures, units=self.scene.units, notes=result.notes)
+        written = write(result, self.folder, self.scene.figures, self.scene.units)
         names = {path.relative_to(self.folder).as_posix() for path in written}
         inputs = {item["path"] for item in self.files}
         remove(self.folder, {name: known for name, known in self.last.items() if name not in names | inputs})
@@ -107,8 +108,10 @@ class Record:
 
 def _page(result: Result) -> dict[str, Writer]:
     """The page of a run: of what is in its results.json, and of the mode's file, if the scene has made one."""
-    from femsub.app.moving import MODE_FILE, read_mode
-    from femsub.app.page import PAGE_FILE, write_page
+    from femsub.app.explain import toml_text
+    from femsub.app.moving import read_mode
+    from femsub.app.page import PAGE_FILE
+    from femsub.output import MODE_FILE, write_page
 
     def page(file: BinaryIO) -> None:
         mode = None
@@ -116,6 +119,6 @@ def _page(result: Result) -> dict[str, Writer]:
             content = io.BytesIO()
             result.files[MODE_FILE](content)
             mode = read_mode(Path(MODE_FILE), content)
-        write_page(json.loads(to_json(result.data)), mode, file)
+        write_page(json.loads(to_json(result.data)), toml_text(result.data["inputs"]), mode, file)
 
     return {PAGE_FILE: page}

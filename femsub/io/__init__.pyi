@@ -1,13 +1,12 @@
 from .abaqus_calculix import read_dofs as read_dofs
 from .atomic import (
     HASHES as HASHES,
-    OURS as OURS,
     Writer as Writer,
     content_sum as content_sum,
-    hashed as hashed,
     held as held,
     newest as newest,
-    summed as summed,
+    remove as remove,
+    with_index as with_index,
     write_whole as write_whole,
 )
 from .component_files import read_aligned as read_aligned

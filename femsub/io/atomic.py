@@ -25,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, TypeAlias
 
 from femsub.algebra import identity, lock, opened
-from femsub.checks import content_hash, no_room_error, temporary
+from femsub.checks import content_hash, hash_of, no_room_error, resolved, temporary
 
 Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
 HASHES = "sha256"  # the key of {file: hash} in an index
@@ -36,26 +36,26 @@ OURS = (".json", ".csv", ".png", ".vtu", ".vtk", ".pvd", ".html", ".npz", ".npy"
 _held: ContextVar[frozenset[tuple[int, int]]] = ContextVar("femsub_held", default=frozenset())  # folders that this thread locked
 
 
-def hashed(writers: Mapping[str, Writer]) -> tuple[dict[str, Writer], dict[str, str]]:
-    """Writers that also note the hash of what they wrote, and the table of hashes by name, which fills as they write."""
+def with_index(writers: Mapping[str, Writer], index: str, table: Mapping[str, Any]) -> dict[str, Writer]:
+    """The writers, and last that of an index in JSON: a table with the hashes of the files, and the sum of its own content."""
     hashes: dict[str, str] = {}
 
     def write(file: BinaryIO, name: str) -> None:
         writers[name](file)
         hashes[name] = content_hash(file)
 
-    return {name: partial(write, name=name) for name in writers}, hashes
+    def write_index(file: BinaryIO) -> None:
+        whole = json.loads(json.dumps({**table, HASHES: hashes}, allow_nan=False))
+        whole[HASHES][index] = content_sum(index, whole)
+        file.write((json.dumps(whole, indent=1, ensure_ascii=False) + "\n").encode())
+
+    return {**{name: partial(write, name=name) for name in writers}, index: write_index}
 
 
 def content_sum(index: str, table: Mapping[str, Any]) -> str:
     """SHA-256 of the content of an index, whatever the layout of its JSON; its own entry among its hashes is left out."""
     rest = {**table, HASHES: {name: known for name, known in table[HASHES].items() if name != index}}
     return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
-
-
-def summed(index: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The table of an index, in values of JSON, with its own sum among the hashes of its files."""
-    return {**table, HASHES: {**table[HASHES], index: content_sum(index, table)}}
 
 
 def newest(folder: Path, name: str) -> Path:
@@ -141,6 +141,23 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         for place in waiting:
             _finish(place, own=True)
     return list(places.values())
+
+
+def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
+    """Deletes files of the last run, {name: hash}, and the folders that are empty then.
+
+    Only what the last run wrote: regular files below the folder with an ending of femsub's files, their content that of the
+    hash. No link is followed.
+    """
+    whole = resolved(folder)
+    for name, known in hashes.items():
+        with suppress(OSError, ValueError):  # a name that none can be; a file that may not be read or deleted stays
+            path = whole / name
+            below = resolved(path) == path and whole in path.parents
+            if below and path.suffix in OURS and path.is_file() and hash_of(path) == known:
+                path.unlink()
+                for parent in path.relative_to(whole).parents[:-1]:
+                    (whole / parent).rmdir()
 
 
 @contextmanager

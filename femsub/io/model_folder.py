@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from femsub.checks import InputError, Matrix, as_word, choice, instance, path_of, unlike
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
-from femsub.io.atomic import HASHES, Writer, content_sum, hashed, newest, scratch, summed, write_whole
+from femsub.io.atomic import HASHES, Writer, content_sum, newest, scratch, with_index, write_whole
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model import Estimate, Inertia, Origin, ReducedSubstructure, RigidMotion, Substructure
@@ -110,13 +110,7 @@ def model_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:
     if dofs is not None:
         about["dofs"] = "dofs.csv"
         writers["dofs.csv"] = partial(write_dofs, dofs=dofs)
-    files, hashes = hashed(writers)
-
-    def write_index(file: BinaryIO) -> None:  # written last: it has the hashes of the others
-        plain = json.loads(json.dumps(about | {HASHES: hashes}, allow_nan=False))
-        file.write((json.dumps(summed(INDEX, plain), indent=1, ensure_ascii=False) + "\n").encode())
-
-    return {**files, INDEX: write_index}
+    return with_index(writers, INDEX, about)
 
 
 def write_single(file: BinaryIO, part: Matrix, name: str) -> None:

@@ -38,7 +38,7 @@ from .contact import (
     kinks_of as kinks_of,
     small_matrices as small_matrices,
 )
-from .digits import rounding_of as rounding_of
+from .digits import by_diagonal as by_diagonal, over_diagonal as over_diagonal, rounding_of as rounding_of
 from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
 from .families import (

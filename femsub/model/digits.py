@@ -54,3 +54,18 @@ def _written(entries: Array, most: float = 0.95) -> float:
     digits = np.array([len(repr(value).split("e")[0].replace(".", "").strip("0")) for value in values.tolist()])
     longest = int(np.quantile(digits, most))
     return TYPICAL * 10.0 ** (1 - longest) if longest in DIGITS and np.mean(digits >= longest - 1) > 0.5 else 0.0
+
+
+def by_diagonal(A: Array) -> Array:
+    """a_ij / √(a_ii a_jj). Where a diagonal entry is not positive, the largest of its row stands for it."""
+    diagonal, size = A.diagonal(), np.abs(A).max(axis=0, initial=0.0)
+    unit = np.where(diagonal > 0, diagonal, np.where(size > 0, size, 1.0)) ** -0.5
+    return A * np.outer(unit, unit)
+
+
+def over_diagonal(difference: Array, A: Array, rounding: Array | float = 0.0) -> Array:
+    """|Δ_ij| over √(a_ii a_jj); what is within the rounding counts as none."""
+    size = np.sqrt(np.abs(A.diagonal()))
+    size = np.where(size > 0, size, EPS * size.max(initial=0.0))
+    beyond = np.maximum(np.abs(difference) - rounding, 0.0)
+    return np.divide(beyond, np.outer(size, size), out=np.where(beyond > 0, np.inf, 0.0), where=np.outer(size, size) > 0)

@@ -1,4 +1,9 @@
-from .charts import eigenvalue_chart as eigenvalue_chart, response_chart as response_chart
+from .charts import (
+    eigenvalue_chart as eigenvalue_chart,
+    response_chart as response_chart,
+    springs_chart as springs_chart,
+)
+from .dense import semidefinite_frequencies as semidefinite_frequencies
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
 from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
 from .mode_set import ModeSet as ModeSet
@@ -46,13 +51,17 @@ from .quadratic.matching import (
     assigned as assigned,
     clusters as clusters,
     extra_eigenvalues as extra_eigenvalues,
+    force_error as force_error,
     frequency_error as frequency_error,
+    held_error as held_error,
+    held_frequencies as held_frequencies,
     likeness as likeness,
     listed as listed,
     match as match,
     relative_error as relative_error,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
+    undamped as undamped,
 )
 from .quadratic.port_function import PortFunction as PortFunction
 from .quadratic.projected_count import (

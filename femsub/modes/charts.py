@@ -1,4 +1,4 @@
-"""Charts of eigenvalues in the complex plane, and of receptances."""
+"""Charts of eigenvalues in the complex plane, of receptances, and of frequencies on springs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.output import ROUNDING, STYLES, Chart, Level, Panel, Series, damping_percent, grouped, linear_up_to, look, nested
+from femsub.output import (
+    ROUNDING,
+    STYLES,
+    Chart,
+    Level,
+    Panel,
+    Series,
+    damping_percent,
+    floored,
+    grouped,
+    hover_of,
+    linear_up_to,
+    look,
+    nested,
+)
 
 if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes
@@ -147,3 +161,31 @@ def receptances_chart(found: FrequencyResponse, title: str, most: int) -> Chart:
     left = f"{most} of {len(pairs)} pairs of load and response are drawn" if len(pairs) > most else ""
     return Chart("response", title, [Panel(size, "ω  [rad/time]", "|h|  [length/force]", logs="y", share=share),
                                      Panel(phase, "ω  [rad/time]", "phase of h  [°]", share=share)], about=left, height=2.2)
+
+
+def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:
+    """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
+
+    A figure has about so many `lines`, which can still be distinguished: of each method the fewest and the most modes, and those
+    between as far as there is room. A page has all.
+    """
+    methods, counts = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "modes"))
+    room = min(max(lines // max(len(methods), 1), 2), len(STYLES))
+    drawn = [counts[at] for at in sorted({round(at) for at in np.linspace(0, len(counts) - 1, min(room, len(counts)))})]
+    looks = {modes: STYLES[at] for at, modes in enumerate(reversed(drawn))}
+
+    def panel(kept: Sequence[int], where: str) -> Panel:
+        series = []
+        for (model, modes), own in grouped((row for row in rows if row["modes"] in kept), "model", "modes").items():
+            hover = hover_of(own, {"modes": "modes", "springs": "springs", "error": "error"})
+            line, hollow, width = looks.get(modes, STYLES[0])
+            series.append(Series(f"{look(model).label}, {own[0]['size']} DOF", hover["springs"], floored(hover["error"]), model,
+                                 line, hollow=hollow, width=width, hover=hover))
+        return Panel(series, "springs under the interface / static stiffness of the component there  [-]",
+                     "relative error of ω  [-]", logs="xy", where=where)
+
+    left = [f"{modes}" for modes in counts if modes not in drawn]
+    about = f"not drawn, but in the table: models with {', '.join(left)} modes" if left else ""
+    return Chart("springs", title, [panel(drawn, "figure"), panel(counts, "page")], about=about,
+                 note="Soft springs leave the interface nearly free, stiff ones nearly fixed. Errors of zero are drawn at "
+                 f"{ROUNDING:g}.", height=4.0, columns=3)

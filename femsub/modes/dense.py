@@ -7,7 +7,7 @@ import scipy.linalg as la
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, ROUNDING, SINGULAR
-from femsub.checks import EPS, Array, Matrix, NotConvergedError, SingularMatrixError
+from femsub.checks import EPS, EQUAL, Array, Matrix, NotConvergedError, SingularMatrixError
 
 
 def dense_modes(K: Array, M: Array) -> tuple[Array, Array]:
@@ -124,3 +124,33 @@ def _units(K: Matrix, M: Matrix, values: Array) -> Array:
     """max(|k_ii|, λ m_ii)^(-1/2), (n, k)."""
     size = np.maximum(np.abs(K.diagonal())[:, None], np.outer(M.diagonal(), values))
     return np.where(size > 0, size, 1.0) ** -0.5
+
+
+def semidefinite_frequencies(K: Array, M: Array) -> Array:
+    """ω of Kx = ω²Mx in ascending order, K and M semidefinite; coordinates without mass follow statically."""
+    if not len(K):
+        return np.zeros(0)
+    K, M = (K + K.T) / 2, (M + M.T) / 2
+    heaviest = float(M.diagonal().max())
+    size = K.diagonal() + M.diagonal() * (K.diagonal().max() / heaviest if heaviest > 0 else 0.0)
+    unit = np.where(size > 0, size, 1.0) ** -0.5
+    mass = M * np.outer(unit, unit)
+    stiff = K * np.outer(unit, unit)
+    values, turn = la.eigh(mass)
+    heavy = values > 1e-12 * max(values[-1], 0.0)
+    if not heavy.any():
+        return np.zeros(0)
+    Q = turn[:, heavy]
+    inner = Q.T @ stiff @ Q
+    if not heavy.all():
+        # by 1/(ω² + σ) with σ about the lowest: condensed to Q, stiff coordinates that nearly depend on each other lose digits
+        ratios = np.einsum("ij,ij->j", Q, stiff @ Q) / values[heavy]
+        shift = float(ratios[ratios > EQUAL * ratios.max()].min(initial=ratios.max()))
+        try:
+            inverse = la.eigh(mass, stiff + shift * mass, eigvals_only=True)[-len(ratios):][::-1]
+            return np.sqrt(np.maximum(1 / inverse - shift, 0.0))
+        except la.LinAlgError:  # K + σM is not positive definite: a fault, which another check names
+            Z = turn[:, ~heavy]
+            inner -= (Q.T @ stiff @ Z) @ np.linalg.pinv(Z.T @ stiff @ Z, rcond=1e-12, hermitian=True) @ (Z.T @ stiff @ Q)
+    root = values[heavy] ** -0.5
+    return np.sqrt(np.maximum(np.linalg.eigvalsh(inner * np.outer(root, root)), 0.0))

@@ -145,6 +145,11 @@ class NormalModes(Shaped):
         return np.sqrt(self.eigenvalues)
 
     @property
+    def elastic(self) -> Array:
+        """The frequencies that do not belong to rigid motion."""
+        return self.frequencies[self.rigid:]
+
+    @property
     def frequencies_hz(self) -> Array:
         """ω / 2π, shape (k,); Hz where the unit of time is the second."""
         return self.frequencies / (2 * np.pi)
@@ -168,7 +173,7 @@ class NormalModes(Shaped):
         return f"mode {i + 1}: ω = {self.frequencies[i]:.5g} rad/time"
 
     def __repr__(self) -> str:
-        elastic = self.frequencies[self.rigid:]
+        elastic = self.elastic
         span = f", ω {elastic[0]:.5g} to {elastic[-1]:.5g} rad/time" if len(elastic) else ""
         worst = f"{self.residual.max():.0e}" if len(self.residual) else "none"
         beside = f", {self.unlisted} of them outside the band" if self.unlisted else ""

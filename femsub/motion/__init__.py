@@ -1,4 +1,4 @@
-"""Nonlinear motion in time. In: a model and its belts. Out: transients, and the evaluation of signals."""
+"""Nonlinear motion in time. In: a model and its belts. Out: transients, their signals, and criteria for reduced models."""
 
 import lazy_loader
 

@@ -1,15 +1,15 @@
-"""Charts of motion in time: signals, spectra, spectrograms."""
+"""Charts of motion in time: signals, spectra, spectrograms, errors over run time."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from femsub.checks import Array
-from femsub.output import Chart, Heat, Level, Panel, Series, look
+from femsub.output import Chart, Heat, Level, Panel, Series, grouped, hover_of, look
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -132,3 +132,20 @@ def spectrogram_chart(made: Sequence[tuple[str, Spectrogram]], highest: float, d
         panels.append(Panel((), "t  [time]", "ω  [rad/time]", name, limits={"y": (0, highest)}, share={"y": "omega"},
                             where="figure", heat=heat))
     return Chart("motion-spectrogram", "Spectra over time of the velocity v under the belt", panels, len(panels), height=2.6)
+
+
+def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:
+    """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line.
+
+    Amplitudes are known to `floor` at best: errors below are drawn there.
+    """
+    models, series = grouped(rows, "model"), []
+    full = models.pop("full")[0]
+    for kind, own in models.items():
+        hover = hover_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
+        series.append(Series(look(kind).label, hover["s per period"], [max(error, floor) for error in hover["error"]], kind,
+                             "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))
+    levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
+    return Chart("compare-motion", "Error against run time in the limit cycle; numbers: DOF", [Panel(
+        series, "run time of a simulated period  [s]", "relative error of the rms velocity  [-]", logs="xy", levels=levels)],
+        note="Below and to the left is better. Dashed: the full model.", height=3.2)

@@ -1,6 +1,6 @@
-"""How results show themselves: tables and charts as values, figures, units. It knows no model.
+"""How results show themselves: tables, charts and verdicts as values, a run's result and page, figures, units. It knows no model.
 
-In: rows, points and labels. Out: text, HTML, data frames and figures of matplotlib, from one definition of each table and chart.
+In: rows, points, labels and sentences. Out: text, HTML, files, data frames and figures, from one definition of each.
 """
 
 import lazy_loader

@@ -29,6 +29,9 @@ from .figures import (
     new_figure as new_figure,
     render as render,
 )
+from .files import for_json as for_json, table_csv as table_csv, to_json as to_json
+from .page import MODE_FILE as MODE_FILE, Moving as Moving, check_plotly as check_plotly, write_page as write_page
+from .result import Picture as Picture, Result as Result, Shown as Shown
 from .tables import (
     KNOWN as KNOWN,
     LOOKS as LOOKS,
@@ -44,4 +47,15 @@ from .tables import (
     span as span,
     table as table,
 )
-from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units
+from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units, factor_words as factor_words
+from .verdicts import (
+    ANSWERS as ANSWERS,
+    NEVER as NEVER,
+    STABLE as STABLE,
+    Advice as Advice,
+    Remark as Remark,
+    Verdict as Verdict,
+    answer as answer,
+    named as named,
+    sentence as sentence,
+)

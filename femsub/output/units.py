@@ -87,3 +87,16 @@ SYSTEMS = {"SI": Units("m", "s", "kg", "N"), "mm-t-s": Units("mm", "s", "t", "N"
 
 def _hertz(value: Any) -> Any:
     return [_hertz(item) for item in value] if hasattr(value, "__iter__") else float(value) / (2 * pi)
+
+
+def factor_words(ratio: float) -> str:
+    """A factor between the numbers of two models, and what it may come from: ', by a factor of 1000 (as t against kg, …)'."""
+    known = {1e3: "t against kg, or N/mm against N/m", 1e6: "mm against m, squared", 1e9: "mm³ against m³",
+             1e12: "t/mm³ against kg/m³", 9.80665: "weight for mass", 9806.65: "weight for mass in mm",
+             386.0886: "weight for mass in inches (WTMASS)", 0.0254: "inches against m", 25.4: "inches against mm",
+             4.4482216: "lbf against N", 0.45359237: "lb against kg"}
+    for value, why in known.items():
+        for one in (value, 1 / value):
+            if ratio > 0 and abs(ratio / one - 1) < 2e-3:  # the digits of these factors, and of what is compared
+                return f", by a factor of {ratio:.4g} (as {why})"
+    return f", by a factor of {ratio:.6g}" if ratio > 0 else ""

@@ -1,4 +1,5 @@
 from .changes_tried import WhatHelps as WhatHelps
+from .charts import critical_chart as critical_chart, growth_chart as growth_chart
 from .critical_value import critical_slope as critical_slope, first_value as first_value
 from .crossings import Crossing as Crossing
 from .flutter_chart import flutter_chart as flutter_chart

@@ -1,12 +1,27 @@
-"""Charts of answers about stability: losses over a parameter, growth over it, derivatives, changes that help."""
+"""Charts of answers about stability: losses of several models, growth over a parameter, derivatives, changes that help."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.output import Chart, Level, Panel, Series, finite, linear_up_to
+from femsub.output import (
+    Chart,
+    Heat,
+    Level,
+    Panel,
+    Series,
+    finite,
+    floored,
+    grouped,
+    hover_of,
+    linear_up_to,
+    look,
+    nested,
+)
 
 if TYPE_CHECKING:
     from femsub.stability.changes_tried import WhatHelps
@@ -16,6 +31,8 @@ if TYPE_CHECKING:
 
 NOTE = ("Each bar goes from the largest growth rate of the model as it is to that with the change. Left of the target the change "
         "is enough. The slope alone misleads where modes meet, or where another mode begins to grow.")
+ERROR = "relative error  [-]"
+MISSING = "Where a point is missing, the band reaches above the model's cut-off, or stability is never lost."
 VERDICTS = {True: ("all modes decay", "#2166ac"), False: ("a mode grows", "#b2182b"), None: ("undecided", "0.5")}
 
 
@@ -105,3 +122,70 @@ def sensitivities_chart(found: Sensitivities, title: str, most: int) -> Chart:
                             whole="y", linear={"x": up_to} if up_to else {}))
     left = f"{most} of {len(upper)} eigenvalues are drawn" if len(upper) > most else ""
     return Chart("sensitivities", title, panels, min(2, len(panels)), about=left, height=1.2 + 0.4 * len(names))
+
+
+def growth_chart(found: Mapping[str, Any]) -> Chart:
+    """max Re λ of the full model over the slope and what varies, as the belt's place, with the borders of all models (the paper's
+    Fig. 3a), and beside it the deviation of the reduced models' borders."""
+    full, belts, lines, errors = next(panel for panel in found["panels"] if panel["model"] == "full"), found["at"], [], []
+    growth, border = finite(full["growth"]), finite(full["critical_slope"])
+    top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
+    heat = Heat(belts, np.abs(found["slopes"]), growth.T, "max Re λ  [1/time]", 1e-3 * top, top, signed=True)
+    lines.append(Series("full", belts, -border, "full", "solid", size=8.0, hollow=True))
+    for panel in found["panels"]:
+        if panel["model"] != "full":
+            other, mine = panel["rest"] != full["rest"], finite(panel["critical_slope"])
+            one = Series(f"{look(panel['model']).label}{panel['rest'] and ', '}{panel['rest']}", belts, -mine, panel["model"],
+                         "dot" if other else "solid", size=4.0, hollow=other)
+            lines.append(one)
+            errors.append(replace(one, y=floored(np.abs(mine / border - 1))))
+    x, common = f"{found['over']}  [-]", {"x": "over"}
+    return Chart("growth", f"Growth and critical slope over {found['over']}", [
+        Panel(lines, x, "-dμ/dv  [time/length]", "full model: growth, and the borders of all", "y", share=common, heat=heat),
+        Panel(errors, x, ERROR, "error of the reduced models' borders", rounding=True, share=common)], 2, columns=3)
+
+
+def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], said: str, title: str) -> Chart:
+    """Critical values and their errors over what varies in numbers, or over the size of the reduced models (the paper's Fig. 3b).
+
+    Whatever else varies has panels of its own.
+    """
+    x = next((name for name in varied if len({row[name] for row in rows}) > 1 and all(
+        isinstance(row[name], (int, float)) for row in rows)), "size")
+    rest = [name for name in varied if name != x]
+    places: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        places.setdefault(", ".join(f"{name} {row[name]}" for name in rest), []).append(row)
+    words = {"DOF": "size", f"critical {said}": "value", "relative error": "error", "ω [rad/time]": "omega",
+             "static port error": "port_error", "why": "reason"}
+    axis, panels = "DOF of the reduced model  [-]" if x == "size" else f"{x}  [-]", list[Panel]()
+    unit = "time/length" if said == "dμ/dv" else "-"
+    for key, label, drawn in (("value", f"critical {said}  [{unit}]", finite), ("error", ERROR, floored)):
+        for place, mine in places.items():
+            errors, levels = key == "error", list[Level]()
+            series = [Series(name, [row[x] for row in own], drawn([row[key] for row in own]), own[0]["model"], "solid",
+                             size=nested(at), hover=hover_of(own, words)) for at, (name, own) in enumerate(
+                                 curves_of([row for row in mine if row["model"] != "full"], x))]
+            full = [row for row in mine if row["model"] == "full" and np.isfinite(row["value"])]
+            if full and not errors and x == "size":
+                levels = [Level(full[0]["value"], f"full model: {full[0]['value']:.6f}", "y")]
+            elif full and not errors:
+                series.append(Series("full", [row[x] for row in full], [row["value"] for row in full], "full", "solid", size=8.0,
+                                     hollow=True))
+            panels.append(Panel(series, axis, label, "" if errors else place, "y" * errors, levels, rounding=errors,
+                                share={"x": "x", "y": key}, among=place or "critical"))
+    return Chart("critical", f"{title}: critical {said}", panels, len(places), note=MISSING,
+                 width=1.0 if len(places) > 1 else 0.65, height=2.4)
+
+
+def curves_of(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
+    """The rows of each method in the order of x, by their names; over what varies, those of each number of modes or of DOF.
+
+    Of the two it is the one that varies less: a model of a given size has other numbers of modes where its interface is another.
+    """
+    if x == "size":
+        return [(look(model).label, sorted(own, key=lambda row: row[x])) for model, own in grouped(rows, "model").items()]
+    by, unit = min((("modes", "modes"), ("size", "DOF")), key=lambda one: len({row[one[0]] for row in rows}))
+    several = len({row[by] for row in rows}) > 1
+    return [(look(model).label + (f", {count} {unit}" if several else ""), sorted(own, key=lambda row: row[x]))
+            for (model, count), own in grouped(rows, "model", by).items()]

@@ -1,4 +1,4 @@
-"""Comparisons of models: error against run time, and quality under self-excitation. In: models. Out: tables."""
+"""Comparisons of models: error against run time, and audits. In: models. Out: tables."""
 
 import lazy_loader
 

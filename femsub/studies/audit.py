@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, Tally, choice, positive_number, truth
-from femsub.output import Chart, Displayed, Level, Panel, Series, Table, column, fitted, floored
+from femsub.output import Chart, Displayed, Level, Panel, Series, Table, Verdict, column, fitted, floored
 from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
 from femsub.studies.audit_checks import SYSTEMS, findings
-from femsub.studies.verdicts import Verdict
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
@@ -239,7 +238,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
         "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
     if cutoff is not None:
         stated["cutoff"] = positive_number("cutoff", cutoff)
-    case = Case.of(reduced, full, **stated)
+    case = Case.of(reduced, full=full, **stated)
     head = case.name, case.size, 0 if full is None else full.size, findings(case)
     if case.stopped:
         return Audit(*head)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.output import ROUNDING, Chart, Level, Panel, Series, floored, grouped, hover_of, look
+from femsub.output import ROUNDING, Chart, Level, Panel, Series, floored, grouped, look
 
 if TYPE_CHECKING:
     from femsub.studies.results import Row, Study
@@ -117,20 +117,3 @@ def _panel(found: Study, rows: Sequence[Row], kind: str, full: Level, y: str) ->
     title = NAMES.get(kind, f"critical {found.symbol or 'slope'}")
     return Panel(series, "run time  [s]", y, title, logs="xy", levels=[full], limits=limits, rounding=True, share={"x": "time"},
                  among="errors")
-
-
-def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:
-    """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line.
-
-    Amplitudes are known to `floor` at best: errors below are drawn there.
-    """
-    models, series = grouped(rows, "model"), []
-    full = models.pop("full")[0]
-    for kind, own in models.items():
-        hover = hover_of(own, {"DOF": "size", "error": "amplitude_error", "s per period": "seconds_per_period", "steps": "steps"})
-        series.append(Series(look(kind).label, hover["s per period"], [max(error, floor) for error in hover["error"]], kind,
-                             "solid", width=0.8, labels=[str(size) for size in hover["DOF"]], hover=hover))
-    levels = [Level(full["seconds_per_period"], f"full model, {full['size']} DOF"), Level(0.01, "1 %", "y", "dot", "#808080")]
-    return Chart("compare-motion", "Error against run time in the limit cycle; numbers: DOF", [Panel(
-        series, "run time of a simulated period  [s]", "relative error of the rms velocity  [-]", logs="xy", levels=levels)],
-        note="Below and to the left is better. Dashed: the full model.", height=3.2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeAlias
@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import QUADRATIC, SMALL, WIDE, release, timed
+from femsub.algebra import QUADRATIC, WIDE, release, timed
 from femsub.checks import (
     Array,
     FemsubError,
@@ -27,30 +27,40 @@ from femsub.checks import (
     whole_number,
     word,
 )
-from femsub.coupling import Rigid, System, couple
+from femsub.coupling import System
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, usable_band
 from femsub.modes import (
     ComplexModes,
     NormalModes,
-    all_modes,
     beside_the_full,
     complex_modes,
     extra_eigenvalues,
+    force_error,
     frequency_error,
     frequency_response,
-    match,
+    held_error,
+    held_frequencies,
     relative_error,
     spectrum_errors,
     turnover,
+    undamped,
 )
-from femsub.modes.normal_modes import normal_modes
-from femsub.output import label
-from femsub.reduction import ContactModes, Method, Reductor
-from femsub.reduction.reduce import reduce
+from femsub.reduction import (
+    Bases,
+    Method,
+    Step,
+    in_words,
+    kept_modes,
+    key_of,
+    methods_of,
+    port_error,
+    reduced_by,
+    step_name,
+    twins,
+)
 from femsub.stability import Loss, first_belt, first_loss, with_value
 from femsub.studies.results import PHASES, Row, Study, Timing, with_front
 
-Step: TypeAlias = Method | Mapping[str, Method]
 Steps: TypeAlias = Step | Sequence[Step]
 Progress = Callable[[str], None]
 
@@ -133,7 +143,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     asked_for: list[tuple[Step, ...]] = []
     for method in items("methods", methods, "reductions, e.g. [CraigBampton(modes=4)]"):
         asked_for.append(tuple(method if isinstance(method, (list, tuple)) else [method]))
-        for single in _singles(asked_for[-1]):
+        for single in methods_of(asked_for[-1]):
             instance("each of methods", single, Method, "e.g. CraigBampton(modes=4)")  # type: ignore[type-abstract]
     if not asked_for:
         raise InputError("methods is empty. Name at least one, e.g. [CraigBampton(modes=4), CraigChang(modes=4)]")
@@ -177,7 +187,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         for one in list(small) if not turn and not len(model.interface) else ():
             for other in small[:small.index(one)]:
                 if key_of(other.steps) != key_of(one.steps) and twins(other.model, one.model):
-                    refused.append((one.steps, InputError(f"without an interface it is the same as {_name(other.steps)}")))
+                    refused.append((one.steps, InputError(f"without an interface it is the same as {step_name(other.steps)}")))
                     small.remove(one)
                     break
         if not small:
@@ -192,7 +202,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     # errors against the full model
     say(f"{model.name}: undamped frequencies")
     own = asked.at_rest(model)
-    modes = normal_modes(own, band=band) if model.size > SMALL else _all_modes(own)
+    modes = undamped(own, band)
     rates = [turnover(model, load, spectrum) for load, spectrum in zip(asked.loads, full.spectra, strict=True)]
     rows = [asked.row(full, one, modes, rates) for one in (full, *small)]
     models = tuple(one.model for one in small)
@@ -261,20 +271,20 @@ class Comparison:
             keep = np.flatnonzero(~spectrum.rigid & ~spectrum.above_cutoff & in_band(spectrum.eigenvalues, self.band))
             growth = float(spectrum.eigenvalues.real[keep].max(initial=growth))
             votes += [spectrum.stable[i] for i in keep] or [None]
-        theirs = _all_modes(self.at_rest(model)) if reduced else modes
+        theirs = undamped(self.at_rest(model)) if reduced else modes
         kept, force = kept_modes(model), np.nan
         if isinstance(self.model, System) and isinstance(model, System):
             force = force_error(self.model, modes, model, theirs, self.band) if reduced else 0.0
         stored = [model.M, model.D, model.K, *([model.V] if isinstance(model, ReducedSubstructure) else [])]
         memory = sum(part.data.nbytes + part.indices.nbytes + part.indptr.nbytes if sp.issparse(part) else part.nbytes
                      for part in stored) / 1e6
-        frequencies = elastic(modes)[in_band(elastic(modes), self.band)]
+        frequencies = modes.elastic[in_band(modes.elastic, self.band)]
         return Row(
             method=key_of(one.steps), modes=sum(kept.values()), size=model.size, parts=kept if reduced and isinstance(
                 model, System) else {}, cutoff=model.cutoff, memory=memory,
             error_eigenvalue=_largest(each.eigenvalue for each in found),
             error_growth=_largest(each.growth for each in found), error_real=_largest(each.real for each in found),
-            error_frequency=frequency_error(frequencies, elastic(theirs)) if reduced else 0.0, error_force=force,
+            error_frequency=frequency_error(frequencies, theirs.elastic) if reduced else 0.0, error_force=force,
             mac=-_largest(-each.mac for each in found), missing=sum(each.missing for each in found),
             extra=sum(extra_eigenvalues(*pair, self.band) for pair in pairs), missed=sum(each.missed for each in found),
             invented=sum(each.invented for each in found), growth=growth, critical=np.nan, error_critical=np.nan,
@@ -312,22 +322,11 @@ class Comparison:
         return [look(models[0], near=best.value), *small]
 
 
-def twins(one: Substructure, other: Substructure, tol: float = 1e-6) -> bool:
-    """Whether two reduced models of one part are the same in other coordinates, q = T p.
-
-    Shapes, M and K differ by at most `tol`: such models have rounding and the errors of an eigensolver apart.
-    """
-    if one.size != other.size or not isinstance(one, ReducedSubstructure) or not isinstance(other, ReducedSubstructure):
-        return False
-    T = np.linalg.lstsq(one.V, other.V, rcond=None)[0]
-    pairs = [(one.V @ T, other.V), *((T.T @ A @ T, B) for A, B in ((one.M, other.M), (one.K, other.K)))]
-    return all(np.linalg.norm(A - B) <= tol * np.linalg.norm(B) for A, B in pairs)
-
 
 def _left_out(refused: Sequence[tuple[tuple[Step, ...], FemsubError]], small: Sequence[Tried]) -> list[str]:
     """'Craig-Bampton is left out: ...', with its numbers of modes if others of them are there."""
-    there = {_name(one.steps) for one in small}
-    return list(dict.fromkeys(f"{in_words(steps) if _name(steps) in there else _name(steps)} is left out: {error}"
+    there = {step_name(one.steps) for one in small}
+    return list(dict.fromkeys(f"{in_words(steps) if step_name(steps) in there else step_name(steps)} is left out: {error}"
                               for steps, error in refused))
 
 
@@ -341,127 +340,10 @@ def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) 
     return found
 
 
-class Bases:
-    """The reductors of one turn: one for each model and method, with the most modes that are asked for.
-
-    `lent` are the seconds of the bases that the last model took, but which were made for another one.
-    """
-
-    def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
-        self.asked = [one for steps in methods for one in _singles(steps)]
-        self.made: list[tuple[Substructure, Reductor, float]] = []
-        self.lent = 0.0
-
-    def first(self, model: Substructure, method: Method, ports: Any) -> ReducedSubstructure:
-        """The model by a method with a number of modes."""
-        found = next((one for one in self.made if one[0] is model and _alike(one[1].task.method, method)), None)
-        if found is None:
-            most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
-            start = time.perf_counter()
-            basis = Reductor(model, most, ports)
-            self.made.append((model, basis, time.perf_counter() - start))
-        else:
-            _, basis, seconds = found
-            self.lent += seconds
-        return basis.first(method.modes or 0)
-
-
-def _alike(one: Method, other: Method) -> bool:
-    """Whether two methods with a number of modes differ in this number alone."""
-    return one.modes is not None and other.modes is not None and type(one) is type(other) and \
-        replace(one, modes=other.modes) == other
-
-
-def reduced_by(model: Substructure, steps: Sequence[Step], contacts: Sequence[Contact], ports: bool, workers: int | None = None,
-               bases: Bases | None = None) -> Substructure:
-    """The model after all steps. A tolerance holds under the contacts; `ports` of contact modes are those of the contacts."""
-    if bases is not None:
-        bases.lent = 0.0
-    for step in steps:
-        places = [name for contact in contacts for name in contact.ports]
-        joining: Any = places if isinstance(step, ContactModes) and ports and contacts else ports
-        judged: Any = contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
-        if bases is not None and isinstance(step, Method) and step.modes is not None:
-            model = bases.first(model, step, joining)
-            continue
-        if bases is not None and isinstance(model, System) and isinstance(step, Mapping) and \
-                all(one.modes is not None for one in step.values()):
-            step = {name: bases.first(model.parts[name], one, ports) for name, one in step.items()}  # type: ignore[misc]
-        tolerance = isinstance(step, Method) and step.band is not None and not isinstance(step, ContactModes)
-        model = reduce(model, step, joining, judged if tolerance else None, workers=workers)  # type: ignore[arg-type]
-    return model
-
-
 def _largest(values: Iterable[float]) -> float:
     """The largest of the finite values, NaN if there are none."""
     finite = [value for value in values if np.isfinite(value)]
     return max(finite, default=np.nan)
-
-
-def _all_modes(model: Substructure) -> NormalModes:
-    """Every mode of a small model."""
-    return all_modes(model.K, model.M, carried=model.rigid_motion)
-
-
-def force_error(full: System, ours: NormalModes, reduced: System, theirs: NormalModes, band: tuple[float, float],
-                near: float = 0.5, held: float = 0.5, least: float = 0.1) -> float:
-    """The largest error of the joint forces over the undamped elastic modes of the full system in the band.
-
-    max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
-    interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
-    two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
-    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
-
-    A counterpart is within `near` of ω, as in `match`, and has at least `least` of the largest share of the mode's energy: its
-    cluster counts, noise does not. All counterparts together must have more than `held` of the energy, so that no two modes of
-    the full system claim the same.
-    """
-    at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
-    if not len(at):
-        return np.nan
-    x, y = ours.shapes[:, at], full.collected(reduced.expand(theirs.shapes))
-    size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 but for methods that change the mass, such as MacNeal's
-    share = x.T @ (full.M @ y) / size
-    omega = ours.frequencies[at, None]
-    share[np.abs(theirs.frequencies - omega) > near * omega] = 0.0
-    share[np.abs(share) < least * np.abs(share).max(axis=1, keepdims=True)] = 0.0
-    if ((share**2).sum(axis=1) < held).any():
-        return np.nan
-    own = joint_forces(full, ours, at)
-    found = joint_forces(reduced, theirs, np.arange(len(theirs.frequencies))) @ (share / size).T
-    scale = ours.frequencies[at] * (np.linalg.norm(own, axis=0) / ours.frequencies[at]).max()
-    error = np.linalg.norm(found - own, axis=0)
-    return float((error / scale).max()) if scale.any() else np.nan
-
-
-def joint_forces(system: System, modes: NormalModes, at: Array) -> Array:
-    """All interface forces below each other, shape (Σ n_b, k)."""
-    return np.concatenate(list(system.interface_forces(modes.frequencies[at], modes.shapes[:, at]).values()))
-
-
-def held_frequencies(model: Substructure, band: tuple[float, float] | None = None) -> Array:
-    """The undamped frequencies in a band while the interface is held at rest; without a band all, of a small model."""
-    if model.size <= len(model.interface_numbers):
-        return np.empty(0)
-    at_rest = couple({"held": model}, [Rigid(("held", model.interface_numbers), "ground")], interface=[])
-    found = elastic(normal_modes(at_rest, band=band) if band and at_rest.size > SMALL else _all_modes(at_rest))
-    return found[in_band(found, band)] if band else found
-
-
-def held_error(full: Array, reduced: Array) -> float:
-    """The largest |Δω| / ω; inf where a frequency of the full model has no counterpart at all."""
-    at, to = match(full, reduced)
-    return float((np.abs(reduced[to] - full[at]) / full[at]).max(initial=0.0)) if len(at) == len(full) else np.inf
-
-
-def all_frequencies(model: Substructure) -> Array:
-    """Every undamped elastic frequency of a small model."""
-    return elastic(_all_modes(model))
-
-
-def elastic(modes: NormalModes) -> Array:
-    """The frequencies that do not belong to rigid motion."""
-    return modes.frequencies[modes.rigid:]
 
 
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
@@ -476,46 +358,3 @@ def _released(model: Substructure) -> None:
     release(model)
     for part in model.parts.values() if isinstance(model, System) else ():
         _released(part)
-
-
-def _singles(steps: Sequence[Step]) -> list[Method]:
-    """The methods of all steps, part by part."""
-    return [one for step in steps for one in (step.values() if isinstance(step, Mapping) else [step])]
-
-
-def key_of(steps: Sequence[Step]) -> str:
-    """The key of the first step, or of that of all parts; 'mixed' where they differ, 'full' without any."""
-    keys = {one.row_key for one in _singles(steps[:1])} if steps else {"full"}
-    return keys.pop() if len(keys) == 1 else "mixed"
-
-
-def _name(steps: Sequence[Step]) -> str:
-    """The label of the method, or what each part is reduced by."""
-    return in_words(steps) if key_of(steps) == "mixed" else label(key_of(steps))
-
-
-def in_words(steps: Sequence[Step]) -> str:
-    """'Craig-Bampton with 4 modes', or 'disc by Craig-Bampton with 4 modes, pad by Rubin with 2 modes'."""
-    said = []
-    for step in steps:
-        names = {name: str(one) for name, one in step.items()} if isinstance(step, Mapping) else {"": str(step)}
-        alike = len(set(names.values())) == 1 and isinstance(step, Mapping)
-        said.append(f"each part by {next(iter(names.values()))}" if alike else
-                    ", ".join(f"{name} by {one}" if name else one for name, one in names.items()))
-    return ", then ".join(said)
-
-
-def kept_modes(model: Substructure) -> dict[str, int]:
-    """The number of elastic modes in a reduced model, by its name, or in each reduced part of a system."""
-    if isinstance(model, System):
-        return {name: sum(kept_modes(part).values()) for name, part in model.parts.items()
-                if isinstance(part, (System, ReducedSubstructure))}
-    return {model.name: model.modes} if isinstance(model, ReducedSubstructure) else {}
-
-
-def port_error(model: Substructure, port: str) -> float:
-    """The static error at a port in the energy norm, of a system that of the part that has the port."""
-    if isinstance(model, System):
-        name, _, rest = port.partition(".")
-        return port_error(model.parts[name], rest) if name in model.parts else 0.0
-    return model.port_error.get(port, 0.0) if isinstance(model, ReducedSubstructure) else 0.0

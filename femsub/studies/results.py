@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -9,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import positive_number
-from femsub.output import Chart, Column, Displayed, Table, column, fitted, grouped, label, span
+from femsub.output import STABLE, Advice, Chart, Column, Displayed, Table, column, fitted, grouped, label, sentence, span
 from femsub.studies.charts_errors import study_chart
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
     from femsub.modes import ComplexModes
 
-STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
 BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held", "error_response",
          "reduction_median_s", "solution_median_s")  # columns of the short table
 PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
@@ -318,6 +318,49 @@ class Study(Displayed):
             count = int(np.ceil(row.reduction.median / (large - small)))
             said.append("the reduction pays off at once" if count <= 1 else f"the reduction pays off from {count} solutions")
         return said
+
+    def advice(self, tol: float = 1e-3, where: str = "") -> Advice:
+        """What a study recommends, and what makes that model fit, figure by figure."""
+        row = self.recommended(tol)
+        at = ", ".join(f"{value:g}" for value in self.values)
+        choice = Advice(unchecked=[f"The full model was solved at {self.symbol} = {at} alone."] if at else (), where=where,
+                        sentence=self.recommendation(tol), full=self.full.size, band=self.band, brief=self.brief(tol))
+        if row is None:
+            return choice
+        # for what the recommendation holds, and what it is worth with the interface held at rest
+        free = "the interface is free, as in this run."
+        off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
+                                             f"has frequencies that are off by {row.error_held:.1e}")
+        if self.between:
+            holds = f"{self.symbol} lies between {self.between[0]:g} and {self.between[1]:g}."
+        elif not self.interface:
+            holds = "the model has no interface. Nothing is known of it joined to others."
+        elif math.isnan(row.error_held):
+            holds = f"{free} A held interface was not compared."
+        elif row.error_held <= tol:
+            holds = f"the interface is free, as in this run, or held at rest. {off}."
+        else:
+            other = self.recommended(tol, held=True)
+            then = "no model of this run is accurate enough"
+            if other is not None:
+                then = f"take {other.named}, which is off by {other.error_held:.1e}"
+            holds = f"{free} {off}; there {then}."
+        # what makes it fit
+        error = {"error_growth": "the growth rates in the band are within {} of the rates of damping and friction",
+                 "error_frequency": "the undamped frequencies in the band are within {}, and nothing is damped",
+                 "error_critical": f"the critical {self.symbol} is within {{}} of the full model's"}[self.decisive]
+        decides = [f"{row.named}: {error.format(format(getattr(row, self.decisive), '.1e'))}; the tolerance is {tol:g}."]
+        if self.between:
+            errors = ["unknown" if math.isnan(one) else f"{one:.1e}" for one in (row.error_eigenvalue, row.error_real)]
+            decides.append(f"Its eigenvalues are within {errors[0]} of their modulus, its growth rates within {errors[1]}.")
+        else:
+            decides.append("No eigenvalue of the band is missing and none is extra. The band ends below the model's cut-off.")
+        if row.critical == -math.inf and row.error_critical == 0:
+            decides.append("At no slope does it lose its stability in the band, and neither does the full model.")
+        elif not self.between and math.isfinite(row.error_critical):
+            decides.append(f"Its critical slope is {row.critical:.5g}, within {row.error_critical:.1e} of the full model's.")
+        return replace(choice, model=row.named, size=row.size, row=row.flat(), condition=[holds],
+                       decides=[*decides, *map(sentence, self.worth(row))])
 
     def brief(self, tol: float = 1e-3) -> str:
         """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""

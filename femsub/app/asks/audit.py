@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.asks import Ask
+from femsub.app.audit_command import ModelFiles
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result, Table, column
 from femsub.checks import InputError
@@ -20,34 +20,7 @@ if TYPE_CHECKING:
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
 
-MODEL = "model.json"  # of a folder of write_matrices
 EXAMPLE, PARTS = "example", "parts"
-
-
-@dataclass(frozen=True)
-class ModelFiles:
-    """A model as it lies in files: the model.json of a folder of write_matrices, or its matrices."""
-
-    model: str = key("", "the model.json of a folder of write_matrices", file=True, example="small/model.json",
-                     otherwise="it comes from its matrices")
-    M: str = key("", "the file of the mass matrix", example="M.mtx", file=True, otherwise="that of model")
-    K: str = key("", "the file of the stiffness matrix", required_with="M", example="K.mtx", file=True, otherwise="that of model")
-    D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
-    V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx",
-                 file=True)
-    dofs: str = key("", "the file of the DOF map; of a reduced model that of its interface, 'node,component,x,y,z' a line",
-                    otherwise="none", file=True, example="interface.csv")
-    interface: list[int | str] = key([], "interface DOF: of a reduced model its coordinates, from 0; of a full one from 0, or by "
-                                     "the map as '12:uz' or '12:*', in the order of the reduced one", least=0, example=[0, 1, 2],
-                                     otherwise="not known")
-    kinds: list[str] = key([], "the kind of each coordinate, such as 'constraint' and 'fixed-interface'", otherwise="not stated",
-                           example=["constraint", "fixed-interface"])
-
-    def __post_init__(self) -> None:
-        if bool(self.model) == bool(self.M):
-            raise InputError("give the model.json of a folder, model, or the files of the matrices, M and K")
-        if self.model and Path(self.model).name != MODEL:
-            raise InputError(f"model names {self.model}, but must name the {MODEL} of a folder of write_matrices")
 
 
 @dataclass(frozen=True)

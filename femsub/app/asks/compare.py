@@ -11,8 +11,9 @@ import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.models import Known
-from femsub.app.result import Result, Table, column, studies
+from femsub.app.result import Result, Table, column
 from femsub.checks import NOT_CHECKED
+from femsub.studies import error_time_chart, study_chart
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -65,7 +66,7 @@ class CompareAsk(Ask):
             words = ", ".join(f"{name} {value}" for name, value in values.items())
             made.append((words, found))
             rows += rowed(values, found.flat)
-            choice = studies.study_choice(found, own.scene.reduce.tolerance, words)
+            choice = found.advice(own.scene.reduce.tolerance, words)
             choices.append(choice)
             recommended.append({**values, "sentence": choice.sentence, "model": choice.row})
             left_out += found.left_out
@@ -110,24 +111,21 @@ class CompareAsk(Ask):
         return found
 
     def charts(self, models: Models, made: list[tuple[str, fs.Study]]) -> list[Any]:
-        """The errors over the seconds."""
-        title = models.scene.name
-        if made[0][1].between is not None:
-            return [studies.friction_errors_chart(found, title, "compare") for _, found in made]
-        if models.alone:
-            return [studies.error_time_chart(made)]
-        return [studies.errors_chart(found, f"{title} {words}".strip(), "compare" + f"-{words.replace(' ', '-')}" * bool(words))
+        """The errors over the seconds: those of a part by itself in one figure."""
+        if models.alone and not self.over:
+            return [error_time_chart(made)]
+        return [study_chart(found, f"{models.scene.name} {words}".strip(), "-".join(["compare", *words.split()]))
                 for words, found in made]
 
     def beside(self, models: Models, found: fs.Study) -> tuple[list[Any], list[dict[str, Any]]]:
         """The full model's natural frequencies in the band, and those of the recommended model."""
-        own, best = studies.elastic(fs.normal_modes(models.full,
-                                                    band=found.band)), found.recommended(models.scene.reduce.tolerance)
+        own = fs.normal_modes(models.full, band=found.band).elastic
+        best = found.recommended(models.scene.reduce.tolerance)
         rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]
         of, columns = "", ["mode", "omega"]
         if best is not None:
             of, columns = f", and of {best.label} with {best.size} DOF", [*columns, "reduced", "error"]
-            theirs = studies.all_frequencies(found.models[found.rows.index(best)])
+            theirs = fs.modes.undamped(found.models[found.rows.index(best)]).elastic
             for at, to in zip(*fs.modes.match(own, theirs), strict=True):
                 if abs(theirs[to] - own[at]) <= fs.modes.NEAR * own[at]:
                     rows[at] |= {"reduced": theirs[to], "error": abs(theirs[to] - own[at]) / own[at]}

@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks.motion import MotionAsk, whole
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column, label, studies
+from femsub.app.result import Result, Table, column, label
 from femsub.checks import Interruptible
 
 if TYPE_CHECKING:
@@ -72,4 +72,4 @@ class CompareMotionAsk(MotionAsk):
             f"Full and reduced models from one physical state over {self.compare_motion:g} periods (amplitudes over the second "
             "half)",
             Table("compare-motion", rows, columns, "Error against run time in motion"),
-            *([studies.period_chart(rows)] if len(rows) > 1 else [])])
+            *([fs.motion.period_chart(rows)] if len(rows) > 1 else [])])

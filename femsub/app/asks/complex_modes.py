@@ -11,7 +11,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, parameter_of, rowed
 from femsub.app.keys import key
-from femsub.app.result import Remark, Result, Table, column, label, studies
+from femsub.app.result import Remark, Result, Table, column, label
 from femsub.app.shapes import complex_pictures, page_mode, pictures, turned, vtu
 from femsub.model import in_band
 
@@ -68,7 +68,7 @@ class ComplexModesAsk(Ask):
                            or row["modes"] == modes]
             unstable += rowed(values, growing(own, found[0][0], exact))
             shapes.append((own, found, at))
-            remarks.append(studies.stability_remark(rows) if rows[0]["model"] == "full" else Remark())
+            remarks.append(Remark.of_stability(rows) if rows[0]["model"] == "full" else Remark())
         data: dict[str, Any] = {"complex-modes": {"models": spectra, "unstable": unstable, "at": self.at}}
         columns: list[Any] = [*self.varying, "model", "modes", "size", "up_to", "counted", "full_counted",
                    column("growth", "largest Re λ"), "full_growth", "is_stable",

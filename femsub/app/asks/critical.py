@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub import ReducedSubstructure, studies
+from femsub import ReducedSubstructure
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
@@ -83,7 +83,7 @@ class CriticalAsk(Ask):
                 shown.append("ω = 0: rigid motion loses its damping and drifts before anything oscillates; for the border of "
                              f"oscillating modes give band = [lo, hi] with lo above 0, e.g. [{1e-3 * models.band[1]:.3g}, "
                              f"{models.band[1]:.6g}]")
-            shown.append(studies.critical_chart(rows, names, self.said, models.scene.name))
+            shown.append(fs.stability.critical_chart(rows, names, self.said, models.scene.name))
             if not (self.by_slope or names):
                 shown.append(Remark([f"Of the full model, the critical {self.said} is {row['value']:.6g}, at {row['omega']:.6g} "
                                      "rad/time." for row in rows if row["model"] == "full" and np.isfinite(row["value"])]))

@@ -11,7 +11,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column, label, studies
+from femsub.app.result import Result, Table, column, label
 from femsub.checks import InputError, NoCycleError, NotConvergedError
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class CyclesAsk(Ask):
             *["?, and no multiplier: of large models the stability of cycles is not computed"] * any(
                 row["is_stable"] is None for row in kept),
             *(f"{label(row['model'])} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row),
-            studies.cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])
+            fs.motion.cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])
 
 
 def small(model: Substructure) -> bool:

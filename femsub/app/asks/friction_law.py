@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result, studies
+from femsub.app.result import Result
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
@@ -33,5 +33,5 @@ class FrictionLawAsk(Ask):
         widths = sorted({*self.friction_law, belt.eps}, reverse=True)  # type: ignore[attr-defined]
         curves = [{"law": name, "eps": eps, "value": fs.coupling.LAWS[name](eps=eps).value(speeds)} for name in fs.coupling.LAWS
                   for eps in widths]
-        return Result({"friction-law": {"speed": speeds, "curves": curves}}, [studies.friction_chart(
+        return Result({"friction-law": {"speed": speeds, "curves": curves}}, [fs.coupling.friction_chart(
             speeds, curves, titles, belt.speed, models.linear[0].slope or 0.0)])  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, shown
 from femsub.app.keys import key
-from femsub.app.result import Result, studies
+from femsub.app.result import Result
 from femsub.checks import InputError
 
 if TYPE_CHECKING:
@@ -58,4 +58,4 @@ class GrowthAsk(Ask):
                 panel["critical_slope"][at] = fs.stability.first_loss(one.model, own.linear, self.growth, None, band).value
         ordered = sorted(panels.items(), key=lambda one: list(dict.fromkeys(rest for _, rest in panels)).index(one[0][1]))
         found = {"slopes": values, "at": columns, "over": first, "panels": [one for _, one in ordered]}
-        return Result({"growth": found}, [studies.growth_chart(found)])
+        return Result({"growth": found}, [fs.stability.growth_chart(found)])

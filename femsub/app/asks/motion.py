@@ -11,7 +11,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import WHICH, Ask
 from femsub.app.keys import key
-from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
+from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence
 from femsub.checks import InputError, Interruptible, unknown_name
 
 if TYPE_CHECKING:
@@ -218,7 +218,7 @@ class MotionAsk(Ask):
         rms = [fs.rms(item.run.t, item.v, item.window) for item in known]
         measured = [{"model": item.kind, "error_frequency": fs.modes.relative_error(item.peaks[0], exact.peaks[0]),
                      "error_amplitude": fs.modes.relative_error(own, rms[0])} for item, own in zip(reduced, rms[1:], strict=True)]
-        rows = studies.table_rows(exact.model, [item.model for item in reduced], models.contacts, measured)
+        rows = fs.motion.table_rows(exact.model, [item.model for item in reduced], models.contacts, measured)
         columns = ["model", "size", column("missing_share", "missing", ".0%"), column("spurious_share", "spurious", ".0%"),
                    column("growth_error", "err Re λ", ".1%"), column("projection_loss", "loss", ".1%"),
                    column("compliance_mean", "compliance", ".1%"), column("error_frequency", "err ω in time", ".1%"),

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.keys import key
-from femsub.app.result import Result, Table, column, studies
+from femsub.app.result import Result, Table, column
 from femsub.checks import InputError, PortWarning
 
 if TYPE_CHECKING:
@@ -70,4 +70,4 @@ class SpringsAsk(Ask):
             f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
             "part's own at each interface DOF", Table("", list(wide.values()), columns, keys=3),
             Table("springs", rows, title="Interface on springs"),
-            studies.springs_chart(rows, f"{models.scene.name}: interface on springs, lowest {count} frequencies")])
+            fs.modes.springs_chart(rows, f"{models.scene.name}: interface on springs, lowest {count} frequencies")])

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, InputError, finite_number, instance, positive_number, real_array
 from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, columns_of, contacts_of, within
 from femsub.modes import ComplexModes, complex_modes, frequency_response, likeness, listed, match
-from femsub.motion import project
+from femsub.motion.nonlinear_model import project
 
 CRITERIA = ("missing_share", "spurious_share", "growth_error", "frequency_error", "growth_distance", "projection_loss",
             "compliance_static", "compliance_max", "compliance_mean")
