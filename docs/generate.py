@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import femsub as fs
-from femsub.app.explain import TABLES, spelt, tables_of, toml
+from femsub.app.explain import TABLES, spelt, tables_of
 from femsub.app.grammar import built_in, text_of
 from femsub.app.keys import Key, keys_of, type_words
 from femsub.app.kinds import Kinds
+from femsub.io import toml
 
 #: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
 NAMES = {

@@ -18,8 +18,7 @@ import pytest
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.moving import MODE_FILE
-from femsub.io import mesh_text
+from femsub.io import MODE_FILE, mesh_text
 from femsub.io.atomic import NEXT, TEMPORARY
 
 CHAIN = 'scene = "chain"\nfigures = false\n[reduce]\nsizes = [3]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n'

@@ -23,10 +23,11 @@ import test_scene
 from femsub.app import explain
 from femsub.app.cli import main
 from femsub.app.faults import Faults
-from femsub.app.grammar import Scene, built_in, parsed, text_of
+from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.keys import Key, item_kind, key, keys_of, kinds, made
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.checks import InputError, installed_by
+from femsub.io import parsed_toml, toml, toml_text
 from femsub.output import SYSTEMS, span
 
 ROOT = Path(__file__).parent.parent
@@ -204,7 +205,7 @@ def test_a_new_file_of_ones_own_is_all_that_it_stands_for(name: str, tmp_path: P
     (tmp_path / "my.toml").write_text(f'scene = "{name}"\nname = "mine"\n[reduce]\ntolerance = 0.125\n', encoding="utf-8")
     assert main(["new", str(tmp_path / "my.toml")]) == 0
     text = capsys.readouterr().out
-    below = parsed(text_of(name), name)
+    below = parsed_toml(text_of(name), name)
     assert text.startswith(f"#:schema {explain.FILE}\n")
     assert tomllib.loads(text) == below | {"name": "mine", "reduce": {**below.get("reduce", {}), "tolerance": 0.125}}
 
@@ -224,7 +225,7 @@ def test_keys_are_listed_with_type_unit_default_and_meaning(name: str, capsys: p
             assert "; required" in said
         elif not one.required_with:
             assert one.otherwise in said and (one.otherwise or one.default in (None, "", [], {}) or
-                                              f"; default: {explain.toml(one.default)}" in said)
+                                              f"; default: {toml(one.default)}" in said)
         assert one.otherwise or one.required or one.required_with or one.default not in (None, "", [], {}), "no default is told"
 
 
@@ -310,7 +311,7 @@ def test_tables_are_listed_and_written_as_they_are_read() -> None:
     assert len(re.findall(r"^ +length +a number above 0 \[m\]; default: 1.0$", listed, re.MULTILINE)) == 2
     table = {"name": 'a "b"', "part": {"x y": {"n": 1e-9, "m": True}, "z": {"ports": {"belt": [0.3, 1]}}},
              "ask": [{"critical": "mu", "vary": {"part.z.n": [0.1 + 0.2, 12345678.0]}}, {"modes": 3}]}
-    assert tomllib.loads("\n".join(explain.toml_lines(table, ""))) == table
+    assert tomllib.loads(toml_text(table)) == table
 
 
 # the command line

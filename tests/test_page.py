@@ -23,9 +23,9 @@ import femsub as fs
 from femsub.app import page, report
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
-from femsub.app.moving import MODE_FILE, moving, read_mode
 from femsub.app.result import Result
 from femsub.checks import installed_by
+from femsub.io import MODE_FILE, moving, read_mode, toml_text
 from femsub.reduction import METHODS
 from femsub.studies import Remark, Study, answer, cycles_verdict, study_choice
 from femsub.studies.charts_errors import error_time_chart, errors_chart
@@ -163,7 +163,7 @@ def test_the_page_has_every_table_every_input_and_short_sentences(name: str, fol
     assert tables and panels_of(told)
     # the inputs are a scene file of the same scene
     again = tmp_path / "again.toml"
-    again.write_text(page.inputs_toml(told["inputs"]), encoding="utf-8")
+    again.write_text(toml_text(told["inputs"]), encoding="utf-8")
     assert not difference(tomllib.loads(again.read_text(encoding="utf-8")), without_empty(told["inputs"]))
     if not told["files"]:
         one, other = (Scene.from_file(path) for path in (again, folders[name] / "results.json"))

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import json
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from femsub.app.changes import ParameterKeys
-from femsub.app.grammar import ENDING, Settings, built_in, merged, parsed, text_of
+from femsub.app.grammar import ENDING, Settings, built_in, merged, text_of
 from femsub.app.keys import HERTZ, Key, item_kind, keys_of, kinds, type_words
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
 from femsub.app.parts import MaterialKeys
 from femsub.checks import InputError, unknown_name
+from femsub.io import parsed_toml, toml, toml_text
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
 FILE = "scene.schema.json"  # what scene files call it
@@ -60,10 +60,10 @@ def new_text(source: str) -> str:
         return f"#:schema {FILE}\n{text_of(source)}"
     if not path.is_file():
         raise InputError(f"there is no scene file {source}")
-    table = parsed(path.read_text(encoding="utf-8"), source)
+    table = parsed_toml(path.read_text(encoding="utf-8"), source)
     if (name := table.pop("scene", None)) is not None:
-        table = merged(parsed(text_of(str(name)), str(name)), table, Kinds())
-    return f"#:schema {FILE}\n" + "\n".join(toml_lines(table, "")) + "\n"
+        table = merged(parsed_toml(text_of(str(name)), str(name)), table, Kinds())
+    return f"#:schema {FILE}\n" + toml_text(table)
 
 
 def first_line(kind: Any) -> str:
@@ -108,46 +108,6 @@ def _about(one: Key, owner: Any) -> str:
     standard = one.otherwise or ("" if one.default in (None, "", [], {}) else toml(one.default))
     needed = "; required" if one.required else f"; required with {one.required_with}" if one.required_with else ""
     return words + (needed or (f"; default: {standard}" if standard else ""))
-
-
-def toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        if value and not 1e-3 <= abs(value) < 1e6:
-            mantissa, exponent = f"{value:.16e}".split("e") if float(f"{value:.14e}") != value else f"{value:.14e}".split("e")
-            return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-        digits = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)  # 0.3, not 0.30000000000000004
-        return digits if "." in digits else f"{digits}.0"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml, value))}]"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{toml_key(key)} = {toml(item)}" for key, item in value.items()) + "}"
-    return str(value)
-
-
-def toml_key(key: str) -> str:
-    """A key, in quotes where it needs them."""
-    return key if key and all((mark.isalnum() and mark.isascii()) or mark in "_-" for mark in key) else json.dumps(key,
-                                                                                                                   ensure_ascii=False)
-
-
-def toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
-    """A table as TOML: its keys, then the tables within it. Those deeper than [part.disc] stand in braces."""
-    known = {toml_key(key): value for key, value in table.items() if value is not None}
-    tables = {key: value for key, value in known.items() if header.count(".") < 2 and (isinstance(value, Mapping) or (
-        not header and isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value)))}
-    yield from (f"{key} = {toml(value)}" for key, value in known.items() if key not in tables)
-    for key, value in tables.items():
-        for item in value if isinstance(value, list) else [value]:
-            bare = isinstance(item, Mapping) and not header and key in (*FAMILIES, "material",
-                                                                        "parameter") and not isinstance(value, list)
-            if not bare:
-                yield f"\n{'[[' if isinstance(value, list) else '['}{header}{key}{']]' if isinstance(value, list) else ']'}"
-            yield from toml_lines(item, f"{header}{key}." if bare else f"{header}{key}..")
 
 
 def _docstring(kind: Any, indent: str = "") -> list[str]:

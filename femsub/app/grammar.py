@@ -16,7 +16,6 @@ its values as a whole, and so does a list of asks.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,6 +37,7 @@ from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.checks import InputError, mapping, path_of, unknown_name, word
+from femsub.io import parsed_toml
 from femsub.output import SYSTEMS, Units
 
 if TYPE_CHECKING:
@@ -110,22 +110,6 @@ def file_word(name: Any) -> str:
     if len(word("it", name)) > LONGEST_NAME or set(name) & set("/\\"):
         raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
     return str(name)
-
-
-def parsed(text: str, source: str) -> dict[str, Any]:
-    """A TOML file.
-
-    Raises
-    ------
-    InputError
-        It is none.
-    """
-    try:
-        return tomllib.loads(text)
-    except ValueError as error:  # text that is no TOML or no UTF-8, a number of more than 4,300 digits
-        raise InputError(f"{source} is not a TOML file: {error}") from None
-    except RecursionError:
-        raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
 
 
 def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> dict[str, Any]:
@@ -210,8 +194,8 @@ class Scene:
         if (name := table.get("scene")) is not None:
             with faults.at(("scene",)):
                 known_as = word("it", name)
-                table = merged(parsed(text_of(known_as), name), {key: value for key, value in table.items() if key != "scene"},
-                               self.kinds)
+                below = parsed_toml(text_of(known_as), name)
+                table = merged(below, {key: value for key, value in table.items() if key != "scene"}, self.kinds)
             faults.check()
         self.table = dict(table)
         self._read(faults, known_as or "scene")
@@ -238,7 +222,7 @@ class Scene:
             text = path.read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
             raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
-        table = parsed(text, name)
+        table = parsed_toml(text, name)
         if not table:
             raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
                              "name of `femsub scenes`")

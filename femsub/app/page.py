@@ -16,12 +16,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub.app.explain import toml_lines
 from femsub.app.inputs import RESULTS, results_of
-from femsub.app.moving import MODE_FILE, Moving, read_mode
 from femsub.app.report import output_folder, put
 from femsub.app.result import label, studies
 from femsub.checks import Array, FemsubError, InputError, package, unlike, warn
+from femsub.io import MODE_FILE, Moving, read_mode, toml_text
 from femsub.output import Units
 
 PAGE_FILE = "report.html"
@@ -132,7 +131,7 @@ def _body(data: Mapping[str, Any], mode: Moving | None) -> Iterator[str]:
         yield from _table(name, table, rows_of(data, table))
     yield "</section>"
     yield ('<section id="inputs"><h2>Inputs</h2><p class="note">As a scene file. Places of files '
-           f"are relative to the folder of the results.</p><pre>{escape(inputs_toml(data['inputs']))}</pre></section>")
+           f"are relative to the folder of the results.</p><pre>{escape(toml_text(data['inputs']))}</pre></section>")
     versions = {**data.get("versions", {}), **{f"machine: {key}": value for key, value in data.get("machine", {}).items()}}
     facts = [(key, ", ".join(map(str, value)) if isinstance(value, list) else value) for key, value in versions.items()]
     facts += [(str(item.get("path")), f"SHA-256 {item.get('sha256')}") for item in data.get("files", [])]
@@ -187,8 +186,3 @@ def _cell(value: Any) -> str:
     if isinstance(value, list):
         return f"<td>{escape(', '.join(f'{item:.6g}' if isinstance(item, float) else str(item) for item in value))}</td>"
     return f"<td>{escape(str(value))}</td>"
-
-
-def inputs_toml(inputs: Mapping[str, Any]) -> str:
-    """The inputs as a scene file: keys first, then tables."""
-    return "\n".join(toml_lines(inputs, "")) + "\n"

@@ -107,8 +107,8 @@ class Record:
 
 def _page(result: Result) -> dict[str, Writer]:
     """The page of a run: of what is in its results.json, and of the mode's file, if the scene has made one."""
-    from femsub.app.moving import MODE_FILE, read_mode
     from femsub.app.page import PAGE_FILE, write_page
+    from femsub.io import MODE_FILE, read_mode
 
     def page(file: BinaryIO) -> None:
         mode = None

@@ -14,4 +14,13 @@ from .component_files import read_aligned as read_aligned
 from .matrix_files import read_arrays as read_arrays
 from .mesh_files import mesh_bytes as mesh_bytes, read_mesh as read_mesh, series_bytes as series_bytes
 from .mesh_text import including as including, texts_read as texts_read
+from .mode_files import (
+    MODE_FILE as MODE_FILE,
+    Moving as Moving,
+    mode_file as mode_file,
+    motion_files as motion_files,
+    moving as moving,
+    read_mode as read_mode,
+)
 from .model_folder import FORMATS as FORMATS, model_files as model_files
+from .toml_files import line_numbers as line_numbers, parsed_toml as parsed_toml, toml as toml, toml_text as toml_text
