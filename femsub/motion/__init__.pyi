@@ -7,6 +7,15 @@ from .charts import (
 )
 from .cycles.branch_chart import bifurcation_chart as bifurcation_chart
 from .cycles.continuation import PARAMETERS as PARAMETERS, with_parameter as with_parameter
-from .cycles.initial_guess import of_signal as of_signal, onsets as onsets
+from .cycles.families import (
+    along as along,
+    family_branches as family_branches,
+    family_cycles as family_cycles,
+    in_turn as in_turn,
+    settled as settled,
+    small as small,
+)
+from .cycles.hopf import range_around as range_around
+from .cycles.initial_guess import onsets as onsets
 from .nonlinear_model import project as project, sliding as sliding
-from .signals import Spectrum as Spectrum
+from .signals import Spectrum as Spectrum, period_near as period_near
