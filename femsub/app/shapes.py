@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import BinaryIO
 
 import numpy as np
 
@@ -12,7 +11,7 @@ import femsub as fs
 from femsub.app.result import Picture
 from femsub.checks import Array
 from femsub.components import shapes_figure, turned
-from femsub.io import Writer, mode_file, motion_files
+from femsub.io import Writer, mesh_writer, mode_file, motion_files
 
 Drawn = tuple[fs.Mesh, Array]  # a mesh, and the shapes on it (nodes, 3, k)
 
@@ -25,7 +24,7 @@ def pictures(name: str, drawn: Mapping[str, Drawn], titles: Sequence[str], title
         at = f"{name}-{kind}" if len(drawn) > 1 else name
         found.append(Picture(at, partial(shapes_figure, mesh, shapes[..., :most], titles[:most], title,
                                          marks if len(drawn) == 1 else {})))
-        files[f"{at}.vtu"] = partial(vtu, mesh, dict(zip(fields, np.moveaxis(shapes, -1, 0), strict=True)))
+        files[f"{at}.vtu"] = mesh_writer(mesh, dict(zip(fields, np.moveaxis(shapes, -1, 0), strict=True)))
     return found, files
 
 
@@ -40,9 +39,22 @@ def complex_pictures(name: str, drawn: Mapping[str, Drawn], words: str, title: s
         parts = np.stack([shape.real, shape.imag / small], axis=-1)
         titles = ["real part", f"imaginary part, drawn {1 / small:.3g} times larger"]
         found.append(Picture(at, partial(shapes_figure, mesh, parts, titles, title, marks if len(drawn) == 1 else {})))
-        files[f"{at}.vtu"] = partial(vtu, mesh, {f"real-part {words}": shape.real, f"imaginary-part {words}": shape.imag})
+        files[f"{at}.vtu"] = mesh_writer(mesh, {f"real-part {words}": shape.real, f"imaginary-part {words}": shape.imag})
         if omega > 0:
             files |= motion_files(mesh, shape, omega, words, at)
+    return found, files
+
+
+def several_pictures(name: str, drawn: Mapping[str, Drawn], titles: Sequence[str], title: str, marks: Mapping[str, Array],
+                     words: Sequence[str]) -> tuple[list[Picture], dict[str, Writer]]:
+    """Several complex shapes, each at the phase of its largest displacement; the VTU files have their parts and phases."""
+    many = {kind: (mesh, turned(fields)) for kind, (mesh, fields) in drawn.items()}
+    real = {kind: (mesh, fields.real) for kind, (mesh, fields) in many.items()}
+    found, files = pictures(name, real, titles, title, marks, words)
+    for file, (mesh, fields) in zip(files, many.values(), strict=True):
+        views = {"real-part": fields.real, "imaginary-part": fields.imag, "phase": np.degrees(np.angle(fields))}
+        files[file] = mesh_writer(mesh, {f"{view} {word}": shapes[..., i] for view, shapes in views.items()
+                                         for i, word in enumerate(words)})
     return found, files
 
 
@@ -52,8 +64,3 @@ def page_mode(paged: bool, drawn: Mapping[str, Drawn], title: str, eigenvalue: c
         return {}
     mesh, fields = next(iter(drawn.values()))
     return mode_file(mesh, fields[..., 0], f"least stable mode{title}", complex(eigenvalue))
-
-
-def vtu(mesh: fs.Mesh, shapes: Mapping[str, Array], file: BinaryIO) -> None:
-    """Writes a mesh with fields on it."""
-    file.write(fs.io.mesh_bytes(mesh, shapes))

@@ -12,7 +12,7 @@ from .atomic import (
 )
 from .component_files import read_aligned as read_aligned
 from .matrix_files import read_arrays as read_arrays
-from .mesh_files import mesh_bytes as mesh_bytes, read_mesh as read_mesh, series_bytes as series_bytes
+from .mesh_files import mesh_bytes as mesh_bytes, mesh_writer as mesh_writer, read_mesh as read_mesh, series_bytes as series_bytes
 from .mesh_text import including as including, texts_read as texts_read
 from .mode_files import (
     MODE_FILE as MODE_FILE,

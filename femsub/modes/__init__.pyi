@@ -43,6 +43,7 @@ from .quadratic.energy_basis import (
 )
 from .quadratic.matching import (
     NEAR as NEAR,
+    angle_between as angle_between,
     assigned as assigned,
     clusters as clusters,
     extra_eigenvalues as extra_eigenvalues,

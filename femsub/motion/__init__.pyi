@@ -5,6 +5,7 @@ from .charts import (
     spectra_chart as spectra_chart,
     spectrogram_chart as spectrogram_chart,
 )
+from .compared import growth_in_time as growth_in_time, motion_row as motion_row, spectrograms as spectrograms
 from .cycles.branch_chart import bifurcation_chart as bifurcation_chart
 from .cycles.continuation import PARAMETERS as PARAMETERS, with_parameter as with_parameter
 from .cycles.families import (

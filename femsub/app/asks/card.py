@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of
-from femsub.app.asks.complex_modes import least_stable
 from femsub.app.keys import key
 from femsub.app.result import Remark, Result
 
@@ -35,9 +34,7 @@ class CardAsk(Ask):
     def run(self, models: Models) -> Result:
         known = models.chosen(self.card)[0]
         modes = models.spectrum(known, self.at, models.band_below(known, self.band))
-        which = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
-        if not which and (at := least_stable(modes)) is not None:
-            which = [at]
+        which = modes.drawn_first()
         cards = fs.mode_cards(known.model, models.at(self.at), modes, which,
                               full=known.before[-1] if not models.alone and known.before and isinstance(
                                   known.model, fs.ReducedSubstructure) else None, parameter=self.parameter)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -11,8 +10,8 @@ import numpy as np
 from femsub.app.asks import Ask
 from femsub.app.keys import key
 from femsub.app.result import Picture, Result, Table, column
-from femsub.app.shapes import vtu
 from femsub.components import joined_mesh, parts_figure
+from femsub.io import mesh_writer
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
@@ -42,4 +41,4 @@ class PartsAsk(Ask):
         whole = joined_mesh(list(meshes.values()), groups)
         number = np.repeat(np.arange(1.0, len(rows) + 1), [row["nodes"] for row in rows])
         return Result({"parts": rows}, [*shown, Picture("parts", lambda: parts_figure(meshes, title))],
-                      {"parts.vtu": partial(vtu, whole, {"part": number})})
+                      {"parts.vtu": mesh_writer(whole, {"part": number})})

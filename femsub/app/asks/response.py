@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -49,27 +50,18 @@ class ResponseAsk(Ask):
         acting = models.linear if self.sliding else None
         exact: Any = None
         curves, rows, points = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+        pairs = list(product(self.response, self.observe or self.response))
         for one in models.every:
             models.say(f"receptance, {label(one.kind)} with {one.model.size} DOF")
             model = fs.damped(one.model, structural=self.loss) if self.loss else one.model
             found = fs.frequency_response(model, acting, at=omega, loads=loads, responses=seen)
-            bound = None if exact is None else found.error(exact)
-            for j, load in enumerate(self.response):
-                for i, place in enumerate(self.observe or self.response):
-                    h = found.receptance[:, i, j]
-                    words = "" if len(loads) == len(seen) == 1 else f", {place} by {load}"
-                    curve = {**one.head, "omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h)), "words": words}
-                    if exact is not None and bound is not None:
-                        size, error = np.abs(exact.receptance[:, i, j]), bound[:, i, j]
-                        worst = int(error.argmax())
-                        rows.append({**one.head, **({"load": load, "place": place} if words else {}),
-                                     "error": float(error.max() / size.max()), "omega": float(omega[worst]),
-                                     "error_local": float((error / size).max()), "evidence": found.evidence})
-                        curve["error"] = error / size
-                    curves.append(curve)
-                    points += [{**one.head, **({"load": load, "place": place} if words else {}), **{
-                        name: float(curve[name][at]) for name in ("omega", "magnitude", "phase", "error") if name in curve}}
-                        for at in range(len(omega))]
+            errors = found.errors(exact) if exact else []
+            for at, ((load, place), curve) in enumerate(zip(pairs, found.curves(exact), strict=True)):
+                head = one.head | ({"load": load, "place": place} if len(pairs) > 1 else {})
+                curves.append({**one.head, **curve, "words": f", {place} by {load}" if len(pairs) > 1 else ""})
+                points += [head | dict(zip(curve, map(float, values), strict=True))
+                           for values in zip(*curve.values(), strict=True)]
+                rows += [head | row for row in errors[at:at + 1]]
             exact = exact or found
         columns = ("model", "modes", "size", *(("load", "place") if rows and "load" in rows[0] else ()), column("error", "err h"),
                    column("omega", "at ω", ".5g"), column("error_local", "err h / h", ".1e"), "evidence")

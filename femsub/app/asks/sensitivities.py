@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of
-from femsub.app.asks.complex_modes import least_stable
 from femsub.app.keys import key
 from femsub.app.result import Result
 
@@ -37,9 +36,7 @@ class SensitivitiesAsk(Ask):
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
         modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_below(known, self.band))
-        of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
-        if not of and (at := least_stable(modes)) is not None:
-            of = [at]
+        of = modes.drawn_first()
         parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters
                       and models.scene.parameters[name].acts
                       else name for name in self.sensitivities]

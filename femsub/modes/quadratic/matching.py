@@ -180,6 +180,12 @@ class SpectrumErrors(NamedTuple):
     invented: int
 
 
+def angle_between(x: Array, y: Array, M: Matrix) -> float:
+    """The sine of the angle between two shapes (n,) in the norm of M: ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖."""
+    rest = x - y * (np.vdot(y, M @ x) / np.vdot(y, M @ y))
+    return float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
+
+
 def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Array:
     """MAC |xᴴM Vy|² / (xᴴMx · yᴴM_r y) of shapes x (n, k) of the full model and y (r, l) of a reduced one, (k, l).
 
