@@ -282,7 +282,7 @@ OWN = """
 import femsub as fs
 from dataclasses import dataclass
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.output import Chart, Panel, Series, Table, column
 from femsub.studies import Verdict
@@ -540,7 +540,7 @@ from dataclasses import dataclass
 import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.stability import stability_map_chart, stability_map_tables
 from femsub.studies import Verdict

@@ -20,6 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -28,16 +29,14 @@ from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.ends import GROUND, End, LinkKind
-from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
 from femsub.app.joints import JointKind
-from femsub.app.keys import key, keys_of, made
-from femsub.app.kinds import FAMILIES, Kinds, is_beside, kinds_file
+from femsub.app.kinds import FAMILIES, Kinds, is_beside, key, kinds_file
 from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
 from femsub.checks import InputError, mapping, path_of, unknown_name, word
-from femsub.io import parsed_toml
+from femsub.io import Faults, keys_of, parsed_toml, read_table, spelt
 from femsub.output import SYSTEMS, Units
 
 if TYPE_CHECKING:
@@ -243,11 +242,11 @@ class Scene:
             faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
                                              ["scene", *keys_of(Settings), "reduce", *families, *FAMILIES]))
         above = {name: value for name, value in above.items() if name in keys_of(Settings)}
-        settings = made(Settings, above, (), faults) or Settings()
+        settings = read_table(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
         if not hertz:  # frequencies again, now that no unit is known
-            made(Settings, above, (), faults, False)
+            read_table(Settings, above, (), faults, False)
         self.settings, self.figures, self.paged = settings, settings.figures, settings.page
         with faults.at(("name",)):
             self.name = file_word(settings.name) or known_as
@@ -261,7 +260,7 @@ class Scene:
                     kind = None
                     with faults.at(place):
                         kind = self.kinds.of(family, one)
-                if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
+                if kind is not None and (item := read_table(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
@@ -278,7 +277,7 @@ class Scene:
         given = table.get("reduce")
         if not isinstance(given, (Mapping, NoneType)):
             faults.add(("reduce",), "it must be a table, [reduce]")
-        self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults,
+        self.reduce: ReduceKeys = (isinstance(given, Mapping) and read_table(ReduceKeys, given, ("reduce",), faults,
                                                                        hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # which may have faults of their own
@@ -431,16 +430,16 @@ class Scene:
         """The values of a scene's table that name files: the table or list in which each stands, and its key or place there."""
         def within(kind: Any, table: Any) -> Iterator[tuple[Any, Any]]:
             for name, one in keys_of(kind).items():
-                at = kind.KIND if getattr(kind, "KIND", "").replace("-", "_") == name else name
+                at = spelt(kind, name)
                 value = table.get(at)
                 if one.file and isinstance(value, str) and value:
                     yield table, at
                 elif one.file and isinstance(value, list):
                     yield from ((value, i) for i, item in enumerate(value) if isinstance(item, str))
-                if one.table is not None and isinstance(value, (dict, list)):
-                    for item in value if isinstance(value, list) else [value]:
-                        if isinstance(item, dict):
-                            yield from within(one.table, item)
+                items = value if isinstance(value, list) else [value]
+                for table_kind, item in product(one.tables, items):
+                    if isinstance(item, dict):
+                        yield from within(table_kind, item)
 
         yield from within(Settings, table)
         for family in FAMILIES:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from femsub import reduction
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.checks import InputError, unknown_name
 
 #: of the literature, and of Python's MacNeal

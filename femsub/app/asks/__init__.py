@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.keys import check_value, key, keys_of
-from femsub.app.kinds import Kind
+from femsub.app.kinds import Kind, key
 from femsub.checks import InputError, unknown_name
+from femsub.io import check_value, keys_of
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks.cycles import CyclesAsk
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result, Table, column, label
 from femsub.checks import InputError, unknown_name
 

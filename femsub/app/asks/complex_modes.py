@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, parameter_of, rowed
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, column, label, studies
 from femsub.app.shapes import complex_pictures, page_mode, several_pictures
 from femsub.model import in_band

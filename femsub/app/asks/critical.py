@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub import ReducedSubstructure, studies
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
 from femsub.checks import InputError, first_few
 

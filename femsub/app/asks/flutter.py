@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, label
 from femsub.checks import InputError
 from femsub.output import damping_percent

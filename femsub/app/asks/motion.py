@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import WHICH, Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
 from femsub.checks import InputError, Interruptible, unknown_name
 

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Picture, Result, Table, column
-from femsub.components import joined_mesh, parts_figure
-from femsub.io import mesh_writer
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
@@ -38,7 +37,7 @@ class PartsAsk(Ask):
             return Result({"parts": rows}, shown)
         ends = np.cumsum([row["cells"] for row in rows])
         groups = {row["part"]: np.arange(end - row["cells"], end) for row, end in zip(rows, ends, strict=True)}
-        whole = joined_mesh(list(meshes.values()), groups)
+        whole = fs.components.joined_mesh(list(meshes.values()), groups)
         number = np.repeat(np.arange(1.0, len(rows) + 1), [row["nodes"] for row in rows])
-        return Result({"parts": rows}, [*shown, Picture("parts", lambda: parts_figure(meshes, title))],
-                      {"parts.vtu": mesh_writer(whole, {"part": number})})
+        return Result({"parts": rows}, [*shown, Picture("parts", lambda: fs.components.parts_figure(meshes, title))],
+                      {"parts.vtu": fs.io.mesh_writer(whole, {"part": number})})

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Advice, Result, Table, column, label
 from femsub.checks import InputError, unknown_name
 
@@ -57,11 +57,11 @@ class ResponseAsk(Ask):
             found = fs.frequency_response(model, acting, at=omega, loads=loads, responses=seen)
             errors = found.errors(exact) if exact else []
             for at, ((load, place), curve) in enumerate(zip(pairs, found.curves(exact), strict=True)):
-                head = one.head | ({"load": load, "place": place} if len(pairs) > 1 else {})
+                which = one.head | ({"load": load, "place": place} if len(pairs) > 1 else {})
                 curves.append({**one.head, **curve, "words": f", {place} by {load}" if len(pairs) > 1 else ""})
-                points += [head | dict(zip(curve, map(float, values), strict=True))
+                points += [which | dict(zip(curve, map(float, values), strict=True))
                            for values in zip(*curve.values(), strict=True)]
-                rows += [head | row for row in errors[at:at + 1]]
+                rows += [which | row for row in errors[at:at + 1]]
             exact = exact or found
         columns = ("model", "modes", "size", *(("load", "place") if rows and "load" in rows[0] else ()), column("error", "err h"),
                    column("omega", "at ω", ".5g"), column("error_local", "err h / h", ".1e"), "evidence")

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result, Table, column, studies
 from femsub.checks import InputError, PortWarning
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from femsub.algebra import as_matrix
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.checks import InputError

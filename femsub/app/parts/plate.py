@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 
 if TYPE_CHECKING:

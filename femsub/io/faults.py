@@ -1,4 +1,4 @@
-"""What is wrong with a scene file: all of it at once, each with its line."""
+"""What is wrong with a TOML file: all of it at once, each with its line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from femsub.checks import FemsubError, InputError
-from femsub.io import line_numbers
+from femsub.io.toml_files import line_numbers
 
 Place = Sequence[Any]  # the keys that lead to a value: ("part", "disc", "E"), ("ask", 2, "between")
 
@@ -44,7 +44,7 @@ class Faults:
             self.add(place, error)
 
     def check(self) -> None:
-        """Refuses the scene if anything is wrong.
+        """Refuses the file if anything is wrong.
 
         Raises
         ------
