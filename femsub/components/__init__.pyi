@@ -8,7 +8,7 @@ from .fields import (
     node_rows as node_rows,
     turned as turned,
 )
-from .grids import annulus as annulus, ring as ring
+from .grids import annulus as annulus, line as line, mounted_disc as mounted_disc, ring as ring
 from .mesh import (
     CELLS as CELLS,
     Mesh as Mesh,

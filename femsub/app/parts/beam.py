@@ -48,9 +48,7 @@ class BeamPart(Part):
             raise InputError("give width and height, or I and A")
 
     def mesh(self, site: PartSite) -> Mesh | None:
-        nodes = np.arange(self.elements + 1)
-        places = nodes * (self.beam / self.elements)
-        return fs.Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
+        return fs.components.line(np.arange(self.elements + 1) * (self.beam / self.elements), site.name)
 
     @property
     def section(self) -> dict[str, float]:
