@@ -49,8 +49,7 @@ ENDING = ".toml"
 LONGEST_NAME = 100
 #: entries of results.json that are no ask's
 RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs",
-            "failed",
-            "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
+            "failed", "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
 
 
 @dataclass(frozen=True)
@@ -176,12 +175,9 @@ class Scene:
     Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
 
-    def __init__(self, table: Mapping[str, Any], folder: str | Path = ".") -> None:
-        self._read_all(mapping("table", table, "the tables of a scene file"), path_of("folder", folder), SceneSource())
-
-    def _read_all(self, table: Mapping[str, Any], folder: Path, source: SceneSource) -> None:
-        """Reads and checks all tables."""
-        self.folder, self.source, self.variant = folder, source, source.variant
+    def __init__(self, table: Mapping[str, Any], folder: str | Path = ".", source: SceneSource | None = None) -> None:
+        table, source = mapping("table", table, "the tables of a scene file"), source or SceneSource()
+        self.folder, self.source, self.variant = path_of("folder", folder), source, source.variant
         self.store: dict[Any, Any] = source.store if source.variant else {}
         self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         faults = Faults("" if source.variant else source.name, source.text)
@@ -216,7 +212,7 @@ class Scene:
             return cls({"scene": name})
         if path.suffix == ".json":
             table, folder = inputs_of(path)
-            return cls._from(table, folder, SceneSource(name, "", tuple(trusted), False))
+            return cls(table, folder, SceneSource(name, "", tuple(trusted), False))
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
@@ -225,13 +221,7 @@ class Scene:
         if not table:
             raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
                              "name of `femsub scenes`")
-        return cls._from(table, path.parent, SceneSource(name, text, tuple(trusted), False))
-
-    @classmethod
-    def _from(cls, table: Mapping[str, Any], folder: Path, source: SceneSource) -> Self:
-        made = cls.__new__(cls)
-        made._read_all(table, folder, source)
-        return made
+        return cls(table, path.parent, SceneSource(name, text, tuple(trusted), False))
 
     def _read(self, faults: Faults, known_as: str) -> None:
         """Makes all tables into their classes; what cannot be one is noted and left out."""
@@ -406,7 +396,7 @@ class Scene:
             if not isinstance(here, dict):
                 raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene._from(table | {"name": self.name}, self.folder, self.source._replace(text="", store=self.store,
+        made = Scene(table | {"name": self.name}, self.folder, self.source._replace(text="", store=self.store,
                                                                                           variant=True))
         made.figures = self.figures
         return made

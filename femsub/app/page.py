@@ -16,11 +16,10 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from femsub.app.inputs import RESULTS, results_of
 from femsub.app.report import output_folder, put
 from femsub.app.result import label, studies
 from femsub.checks import Array, FemsubError, InputError, package, unlike, warn
-from femsub.io import MODE_FILE, Moving, read_mode, toml_text
+from femsub.io import MODE_FILE, RESULTS, Moving, read_mode, results_of, toml_text
 from femsub.output import Units
 
 PAGE_FILE = "report.html"

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from femsub.app.grammar import Scene, copied
-from femsub.app.inputs import RESULTS, results_of
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.result import Progress, Result
 from femsub.checks import FemsubWarning, InputError, first_few, hash_of, installed_by, is_there, resolved, warn
-from femsub.io import Writer, texts_read
+from femsub.io import RESULTS, Writer, results_of, texts_read
 
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
 

@@ -42,4 +42,5 @@ from .mode_files import (
     read_mode as read_mode,
 )
 from .model_folder import FORMATS as FORMATS, model_files as model_files
+from .results_file import RESULTS as RESULTS, results_of as results_of
 from .toml_files import line_numbers as line_numbers, parsed_toml as parsed_toml, toml as toml, toml_text as toml_text

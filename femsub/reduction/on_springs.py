@@ -10,7 +10,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, PortWarning
 from femsub.model import Substructure
-from femsub.modes import normal_modes
+from femsub.modes.normal_modes import normal_modes
 from femsub.reduction.craig_bampton import CraigBampton
 from femsub.reduction.reduce import reduce
 

@@ -60,7 +60,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
         return Loss(reason=str(error))
 
 
-def all_losses(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
+def all_losses(model: Any, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
                band: tuple[float, float] | None) -> CriticalValue:
     """All losses and regains of stability; without a range those over the slope of the first belt, from 0 down."""
     if between is not None:

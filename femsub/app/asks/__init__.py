@@ -99,6 +99,14 @@ def shown(value: Any) -> Any:
     return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
 
 
+def check_place(scene: Scene, place: str) -> None:
+    """Refuses a place 'part.port' that is not there."""
+    name, _, port = place.partition(".")
+    if name not in scene.parts:
+        raise unknown_name("part", name, scene.parts)
+    scene.parts[name].check_port(name, port)
+
+
 def parameter_of(scene: Scene, name: str) -> None:
     """Refuses a parameter that nothing has.
 

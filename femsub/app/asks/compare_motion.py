@@ -53,10 +53,10 @@ class CompareMotionAsk(MotionAsk):
                                                                  in state))
                 name = f"{label(one.kind)} with {one.model.size} DOF"
                 runs = [fs.transient(one.model, models.contacts, (0.0, self.compare_motion * period), start=start,
-                                           step=period / self.points, tol=self.full_tol if full else self.tol,
-                                           method="alpha" if full else "lsoda",
-                                           progress=lambda text, name=name: models.say(f"{name}, {text}")).whole()  # type: ignore[misc]
-                        for _ in range(1 if full else models.scene.reduce.repeats)]
+                                     step=period / self.points, tol=self.full_tol if full else self.tol,
+                                     method="alpha" if full else "lsoda",
+                                     progress=lambda text, name=name: models.say(f"{name}, {text}")  # type: ignore[misc]
+                                     ).whole() for _ in range(1 if full else models.scene.reduce.repeats)]
                 v = runs[0].velocity(place)
                 amplitude = float(v[len(v) // 2:].std())
                 exact = amplitude if full else exact

@@ -24,8 +24,7 @@ class FlutterAsk(Ask):
     """Frequencies and growth rates of modes over a parameter, and where they meet."""
 
     flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
-                       required=True,
-                       example="mu")
+                       required=True, example="mu")
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]", example=[0.0, 0.6])
     points: int = key(29, "values at which modes are listed; the diagram has others between them where modes meet", least=2,
                       most=10000)

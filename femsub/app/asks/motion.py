@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import WHICH, Ask
+from femsub.app.asks import WHICH, Ask, check_place
 from femsub.app.kinds import key
 from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence, studies
-from femsub.checks import InputError, Interruptible, unknown_name
+from femsub.checks import InputError, Interruptible
 
 if TYPE_CHECKING:
     from femsub import Transient
@@ -51,10 +51,7 @@ class MotionAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         if self.observe:
-            part, _, port = self.observe.partition(".")
-            if part not in scene.parts:
-                raise unknown_name("part", part, scene.parts)
-            scene.parts[part].check_port(part, port)
+            check_place(scene, self.observe)
         elif not any(one.places for one in scene.contacts.values()):
             raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is "
                              "shown")

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import Ask
+from femsub.app.asks import Ask, check_place
 from femsub.app.kinds import key
 from femsub.app.result import Advice, Result, Table, column, label
-from femsub.checks import InputError, unknown_name
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -35,10 +35,7 @@ class ResponseAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         for place in (*self.response, *self.observe):
-            name, _, port = place.partition(".")
-            if name not in scene.parts:
-                raise unknown_name("part", name, scene.parts)
-            scene.parts[name].check_port(name, port)
+            check_place(scene, place)
         if self.loss and len(scene.parts) > 1:
             raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
 

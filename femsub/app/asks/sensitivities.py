@@ -20,8 +20,7 @@ class SensitivitiesAsk(Ask):
     """∂λ/∂p of the modes that grow, or of the least stable one, with error bars."""
 
     sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]",
-                                   required=True,
-                                   example=["mu", "pressure"])
+                                   required=True, example=["mu", "pressure"])
     at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
 

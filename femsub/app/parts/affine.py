@@ -9,17 +9,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from femsub.algebra import as_matrix
+import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.checks import InputError
-from femsub.io import read_aligned
-from femsub.model import Expression, affine_of, check_range
 
 if TYPE_CHECKING:
     from femsub import Affine, Mesh
     from femsub.checks import Matrix
+    from femsub.model import Expression
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class AffinePart(Part):
     @cached_property
     def factors(self) -> dict[str, list[Expression]]:
         """Those of the matrices of M, D and K."""
-        return {name: [Expression(str(term.factor), f"{name}[{i}]") for i, term in enumerate(getattr(self.affine, name), 1)]
-                for name in "MDK"}
+        sums = {name: enumerate(getattr(self.affine, name), 1) for name in "MDK"}
+        return {name: [fs.model.Expression(str(one.factor), f"{name}[{i}]") for i, one in terms] for name, terms in sums.items()}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -75,7 +74,7 @@ class AffinePart(Part):
         for name in self.names:
             if name != free and name not in values:
                 raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
-        check_range([one for terms in self.factors.values() for one in terms], free, between, values)
+        fs.model.check_range([one for terms in self.factors.values() for one in terms], free, between, values)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
@@ -83,7 +82,8 @@ class AffinePart(Part):
     def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
         """The pencil over free parameters; the others have values."""
         matrices = iter(self.matrices(site).values())
-        return affine_of({name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}, free, values)
+        sums = {name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}
+        return fs.model.affine_of(sums, free, values)
 
     def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
         """By their places, checked, all of one size."""
@@ -92,9 +92,10 @@ class AffinePart(Part):
         matrices: dict[str, Any] = {name: np.array(one) for name, one in given.items() if not isinstance(one, str)}
         if paths:
             base = next((name for name in paths if name[0] == "K"), next(iter(paths)))
-            matrices |= read_aligned(paths, {name: name[0] for name in paths}, base, [name for name in paths if name[0] == "M"],
-                                     self.affine.massless or len(self.affine.M) > 1)[0]
-        checked = {name: as_matrix(name, matrices[name]) for name in given}
+            masses = [name for name in paths if name[0] == "M"]
+            matrices |= fs.io.read_aligned(paths, {name: name[0] for name in paths}, base, masses,
+                                           self.affine.massless or len(self.affine.M) > 1)[0]
+        checked = {name: fs.algebra.as_matrix(name, matrices[name]) for name in given}
         size = checked["K[1]"].shape[0]
         for name, A in checked.items():
             if A.shape[0] != size:

@@ -27,8 +27,7 @@ class BeamPart(Part):
     beam: float = key(1.0, "its length", unit="length", above=0, required=True, example=1.0)
     material: str = key("", "the name of its material", required=True, example="steel")
     elements: int = key(20, "equal elements along it", least=1, most=10**7)
-    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given",
-                       example=0.02)
+    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given", example=0.02)
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
                         otherwise="I and A are given", example=0.01)
     I: float = key(0.0, "second moment of area", unit="length⁴", least=0,  # noqa: E741
@@ -58,8 +57,7 @@ class BeamPart(Part):
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation,
-                                      part=part,
-                                      rayleigh=rates(self.rayleigh), **self.section)
+                                      part=part, rayleigh=rates(self.rayleigh), **self.section)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)

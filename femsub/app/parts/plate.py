@@ -78,5 +78,4 @@ class PlatePart(Part):
         of = site.material(self.material)
         assert mesh is not None
         return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group
-                                       or None,
-                                       part=part, rayleigh=rates(self.rayleigh))
+                                       or None, part=part, rayleigh=rates(self.rayleigh))
