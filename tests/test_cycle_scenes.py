@@ -171,10 +171,10 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
     plain = fs.transient
     monkeypatch.setattr(families, "transient", lambda *args, start, **options: starts.append(start) or
                         plain(*args, start=start, **options))
-    dots = replace(SPEED, dots=3).dotted(SCENE.models, "full", model, RUBBING, (0.45, 1.85), 1.0, [guide])
+    dots = families.settled_over(model, RUBBING, "speed", (0.45, 1.85), 3, SPEED.periods * 2 * np.pi, [guide])
     values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
     assert len(guide.at(values[1])) == 2 and guide.values.max() < values[2]
-    assert [dot["value"] for dot in dots] == pytest.approx(values[:2]) and {dot["model"] for dot in dots} == {"full"}
+    assert [dot["value"] for dot in dots] == pytest.approx(values[:2])
     for dot, start in zip(dots, starts, strict=True):
         stable, = [cycle for cycle in guide.at(dot["value"]) if cycle.is_stable]
         np.testing.assert_allclose(start.velocity, 1.05 * stable.state().velocity)
@@ -191,8 +191,7 @@ def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
 
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
-    asked = replace(SPEED, dots=1, dots_from="blow", periods=60)
-    dot, = asked.dotted(SCENE.models, "full", model, RUBBING, (0.7, 0.9), 1.0, [])
+    dot, = families.settled_over(model, RUBBING, "speed", (0.7, 0.9), 1, 60 * 2 * np.pi)
     exact = fs.harmonic_balance(model, with_parameter(RUBBING, "speed", 0.8), start=guide.at(0.8)[0])
     assert (dot["omega"], dot["rms"]) == pytest.approx((exact.omega, exact.rms), rel=2e-2)
 

@@ -15,18 +15,14 @@ import femsub as fs
 from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.methods import FULL
 from femsub.checks import Array, InputError, PortWarning
-from femsub.components import joined_mesh, node_rows
 from femsub.model import MOTIONS, contacts_at, family_of
-from femsub.modes import beside_the_full
-from femsub.reduction import METHODS, Method
-from femsub.stability import pencil_over, with_value
+from femsub.reduction import METHODS, Method, of_size, with_room
 from femsub.studies import in_words, key_of, reduced_by
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
 RIGID = len(MOTIONS)  # rigid motions that a part has at most
-BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +200,7 @@ class Models:
         """The contacts for linear analyses at values of parameters."""
         found = self.contacts if set(values) & {"speed", "eps"} else self.linear
         for name, value in values.items():
-            found = with_value(found, name, value)
+            found = fs.stability.with_value(found, name, value)
         return found
 
     @property
@@ -234,11 +230,7 @@ class Models:
         """The band of the scene, or from 0 to beyond its lowest elastic modes."""
         if self.given_band is not None:
             return self.given_band
-        omega = self.normal.frequencies[self.normal.rigid:]
-        last = min(self.scene.settings.elastic, len(omega)) - 1
-        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * BESIDE) * omega[last]:
-            last += 1
-        return 0.0, float((1 + BESIDE) * omega[last])
+        return self.normal.elastic_band(self.scene.settings.elastic)
 
     def band_of(self, given: Sequence[float]) -> tuple[float, float]:
         """That of an ask, or of the scene."""
@@ -288,12 +280,8 @@ class Models:
             return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
-                if count > full.size:
-                    raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
-                count -= METHODS[entry](0).static_columns(full)
-                if count < 0:
-                    return None
-            elif count > full.size:
+                return of_size(entry, full, count)
+            if count > full.size:
                 raise InputError(f"modes: {count} are more than the {full.size} DOF of {full.name!r}")
             return METHODS[entry](count)
         if self.alone:
@@ -306,13 +294,8 @@ class Models:
                 given = own.get("modes", [])
                 modes = given[min(row, len(given) - 1)] if given else count
                 own = own["method"]
-            if own == FULL:
-                continue
-            kind, room = METHODS[own], len(sub.interior)
-            if not kind.held:  # of a free part; its rigid motions are counted only where so many modes are asked for
-                many = modes > sub.size - RIGID
-                room = sub.size - (fs.normal_modes(sub, count=min(1, sub.size)).rigid if many else RIGID)
-            mapping[part] = kind(min(modes, max(room, 0)))
+            if own != FULL:
+                mapping[part] = with_room(own, sub, modes)
         return mapping
 
     def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
@@ -389,7 +372,7 @@ class Models:
             if known is self.exact or band is None:
                 self.say(f"complex modes of {known.model.size} DOF")
                 return fs.complex_modes(known.model, self.at(given), band=band, evidence=evidence)
-            return beside_the_full(known.model, self.at(given), band=band)
+            return fs.modes.beside_the_full(known.model, self.at(given), band=band)
 
         at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
         return self.kept(at if evidence is None or at in self.scene.store else ("uncounted", *at), modes)
@@ -423,7 +406,7 @@ class Models:
             return known.model.fixed(**{name: self.value(name) for name in known.model.parameters if name not in names}), None
         if not changes:
             contacts = self.at({}) if "speed" not in names else self.contacts
-            if between is None or not pencil_over(known.model, contacts, names[0]).affine(between):
+            if between is None or not fs.stability.pencil_over(known.model, contacts, names[0]).affine(between):
                 return known.model, contacts
             return family_of(known.model, contacts, list(names), {names[0]: between}), None
         ranges = {name: self.scene.parameters[name].range for name in names}
@@ -447,7 +430,7 @@ class Models:
         for kind_of in dict.fromkeys(self.meshes[name].kind for name in fields):
             names = [name for name in fields if self.meshes[name].kind == kind_of]
             shapes = np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
-            drawn[kind_of] = joined_mesh([self.meshes[name] for name in names]), shapes
+            drawn[kind_of] = fs.components.joined_mesh([self.meshes[name] for name in names]), shapes
         return drawn
 
     @property
@@ -468,7 +451,7 @@ class Models:
             for key, rows in (("contact", np.concatenate(ports) if ports else np.zeros(0, int)),
                               ("interface", self.full.interface)):
                 nodes = np.unique(dofs.nodes[rows])
-                found[key].append(node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
+                found[key].append(fs.components.node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
         return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}
 
 

@@ -14,6 +14,7 @@ from .cycles.families import (
     family_cycles as family_cycles,
     in_turn as in_turn,
     settled as settled,
+    settled_over as settled_over,
     small as small,
 )
 from .cycles.hopf import range_around as range_around

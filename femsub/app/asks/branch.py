@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,7 +14,6 @@ from femsub.app.result import Result, Table, column, label
 from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
-    from femsub import Belt, Branch, Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
 
@@ -57,8 +55,12 @@ class BranchAsk(CyclesAsk):
         found = fs.motion.family_branches(largest, models.contacts, self.branch, ends, families, near=self.near, guided=self.dots,
                                           points=self.points, harmonics=self.harmonics, progress=models.say)
         whole = [item for item in found if "branch" in item]
-        dots = [dot for name, model in largest.items() if fs.motion.small(model) for dot in self.dotted(
-            models, name, model, belt, ends, families[0], [item["branch"] for item in whole if item["model"] == name])]
+        dots: list[dict[str, Any]] = []
+        for name, model in largest.items():
+            if fs.motion.small(model):
+                own = [item["branch"] for item in whole if item["model"] == name] if self.dots_from == "cycle" else None
+                dots += [{"model": name, **dot} for dot in fs.motion.settled_over(
+                    model, belt, self.branch, ends, self.dots, self.periods * 2 * np.pi / families[0], own, models.say)]
         lines, records, special = list[dict[str, Any]](), list[dict[str, Any]](), list[str]()
         ended: dict[str, list[str]] = {}
         for item in found:
@@ -86,20 +88,3 @@ class BranchAsk(CyclesAsk):
             Table("branch", rows, title="Branches, point by point"), Table("branch-transients", dots, title="Transients"),
             fs.motion.bifurcation_chart(whole, dots, self.branch, families, float(getattr(belt, self.branch)),
                                         models.scene.name)])
-
-    def dotted(self, models: Models, name: str, model: Substructure, belt: Belt, limits: tuple[float, float], slowest: float,
-               traced: Sequence[Branch]) -> list[dict[str, Any]]:
-        """rms and the strongest frequency of what a blow, or a disturbed cycle, leads to, at a few values of the parameter.
-
-        `slowest` is the frequency whose periods are counted, `traced` are the model's branches.
-        """
-        found: list[dict[str, Any]] = []
-        for value in np.linspace(limits[0], limits[1], self.dots + 2)[1:-1].tolist():
-            models.say(f"transient of {label(name)}, {self.branch} = {value:.5g}")
-            near = [cycle for one in traced for cycle in one.at(value) if cycle.is_stable]
-            if near or self.dots_from == "blow":
-                rms, omega = fs.motion.settled(model, fs.motion.with_parameter(belt, self.branch, value),
-                                               self.periods * 2 * np.pi / slowest,
-                                               near[0] if self.dots_from == "cycle" else None)
-                found.append({"model": name, "value": value, "rms": rms, "omega": omega})
-        return found

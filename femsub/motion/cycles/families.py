@@ -150,3 +150,16 @@ def settled(model: Substructure, belt: Belt, end: float, cycle: LimitCycle | Non
     else:  # few periods
         omega = 2 * np.pi / period_near(run.t, v, 2 * np.pi / of_signal(run.t, v, 1).omega)
     return float(np.std(v)), omega
+
+
+def settled_over(model: Substructure, belt: Belt, parameter: str, between: tuple[float, float], count: int, end: float,
+                 branches: Sequence[Branch] | None = None, progress: Report = None) -> list[dict[str, Any]]:
+    """`settled` at so many values within a range of a parameter, from a blow, or from stable cycles of branches there."""
+    report, found = listener("progress", progress), list[dict[str, Any]]()
+    for value in np.linspace(*between, count + 2)[1:-1].tolist():
+        report(f"transient, {parameter} = {value:.5g}")
+        near = [cycle for one in branches or () for cycle in one.at(value) if cycle.is_stable]
+        if near or branches is None:
+            rms, omega = settled(model, with_parameter(belt, parameter, value), end, near[0] if near else None)
+            found.append({"value": value, "rms": rms, "omega": omega})
+    return found
