@@ -75,8 +75,8 @@ def _output(command: argparse.ArgumentParser, written: str) -> None:
                       "factorisation and count")
 
 
-def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False, optional: bool = False) -> None:
-    scene = command.add_argument("scene", help=text, nargs="?" if optional else None)
+def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False) -> None:
+    scene = command.add_argument("scene", help=text)
     shells = {"bash": "_femsub_scene", "zsh": "_femsub_scene", "tcsh": "f"}
     scene.complete = {shell: f"{name}_or_file" if files and shell != "tcsh" else name  # type: ignore[attr-defined]
                       for shell, name in shells.items()}

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -306,11 +307,6 @@ class Scene:
 
     # meshes, and what joints and contacts need of parts
 
-    @property
-    def links(self) -> list[LinkKind]:
-        """All joints and contacts."""
-        return [*self.joints.values(), *self.contacts.values()]
-
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
         """The meshes of all parts that have one, with the sets of what lies opposite a surface."""
@@ -360,7 +356,7 @@ class Scene:
         """Where a part is made, with the interface and the ports that joints and contacts need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
-        for joint in self.links:
+        for joint in (*self.joints.values(), *self.contacts.values()):
             ports |= (own := joint.ports().get(name, {}))
             for at, words in enumerate(joint.surfaces if not own else ()):
                 end = End.of(words)
@@ -380,7 +376,7 @@ class Scene:
 
     def varied(self, changes: Mapping[str, Any]) -> Scene:
         """The scene with other values at 'part.chain.belt' and the like."""
-        table = copied(self.table)
+        table = deepcopy(self.table)
         for path, value in changes.items():
             *above, last = path.split(".")
             here = table
@@ -436,11 +432,3 @@ class Scene:
             several = table.get(family, {})
             for one in several if isinstance(several, list) else several.values():
                 yield from within(self.kinds.of(family, one), one)
-
-
-def copied(value: Any) -> Any:
-    """A table with tables and lists of its own."""
-    if isinstance(value, Mapping):
-        return {key: copied(item) for key, item in value.items()}
-    return [copied(item) for item in value] if isinstance(value, list) else value
-

@@ -105,7 +105,7 @@ class Models:
         for name, contact in scene.contacts.items():
             if contact.surfaces:
                 with scene.faults.at(scene.place("contact", name)):
-                    surfaces.append(self._contact(contact, {}, meshes))
+                    surfaces.append(self._contact(contact, meshes))
         scene.faults.check()
         with scene.faults.at(("interface",)):
             open_ends = [self._end(end, 0, LinkKind(), parts) for end in scene.settings.interface]
@@ -171,7 +171,7 @@ class Models:
 
     # contacts
 
-    def _contact(self, contact: Any, values: Mapping[str, float], meshes: Mapping[str, fs.Mesh]) -> Any:
+    def _contact(self, contact: Any, meshes: Mapping[str, fs.Mesh]) -> Any:
         surfaces = list(contact.surfaces)
         if contact.facing:
             surfaces[1] = ".".join(self.scene.facing(contact).second)
@@ -183,7 +183,7 @@ class Models:
         found = []
         for name, one in self.scene.contacts.items():
             with self.scene.faults.at(self.scene.place("contact", name)):
-                found.append(self._contact(one, {}, self.meshes))
+                found.append(self._contact(one, self.meshes))
         self.scene.faults.check()
         for name, given in self.scene.parameters.items():  # a value in [parameter.NAME] holds for all contacts that have it
             if given.value is not None and not given.acts and any(hasattr(contact, name) for contact in found):

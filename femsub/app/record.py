@@ -6,13 +6,14 @@ import io
 import json
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from femsub.app.grammar import Scene, copied
+from femsub.app.grammar import Scene
 from femsub.app.report import machine, remove, results, to_json, versions, write
 from femsub.app.result import Progress, Result
 from femsub.checks import FemsubWarning, InputError, first_few, hash_of, installed_by, is_there, resolved, warn
@@ -50,7 +51,7 @@ class Record:
                 raise InputError(f"the output folder {folder} holds the results of another scene, {known['scene']!r} "
                                  f"({first_few(others)}); choose another folder for --out, or delete them")
             self.last = {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
-        self.inputs, self.files = copied(scene.table), list[dict[str, Any]]()
+        self.inputs, self.files = deepcopy(scene.table), list[dict[str, Any]]()
         for table, name in scene.file_places(self.inputs):
             path, matrix = scene.folder / table[name], ""
             if not path.is_file() and ":" in path.name:  # 'model.mat:K' names the matrix K in a file

@@ -94,6 +94,18 @@ class Ask(Kind):
             yield {name: known[name] for name in self.varying}, models.of(scene)
 
 
+@dataclass(frozen=True)
+class AskAt(Ask):
+    """What analyses at values of parameters have."""
+
+    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name in self.at:
+            parameter_of(scene, name)
+
+
 def shown(value: Any) -> Any:
     """A value of `vary` in a table."""
     return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here

@@ -6,30 +6,23 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks import AskAt
 from femsub.app.kinds import key
 from femsub.app.result import Remark, Result
 
 if TYPE_CHECKING:
-    from femsub.app.grammar import Scene
     from femsub.app.models import Models
 
 
 @dataclass(frozen=True)
-class CardAsk(Ask):
+class CardAsk(AskAt):
     """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
 
     card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     parameter: str = key("mu", "the key of contacts that is 0 without friction")
 
     KIND: ClassVar[str] = "card"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
-
-    def check(self, scene: Scene) -> None:
-        super().check(scene)
-        for name in self.at:
-            parameter_of(scene, name)
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.card)[0]

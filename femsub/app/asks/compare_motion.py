@@ -42,7 +42,7 @@ class CompareMotionAsk(MotionAsk):
 
     def run(self, models: Models) -> Result:
         best = models.best
-        long, _, (period, _) = self.long_run(models, best)
+        long, _, period = self.long_run(models, best)
         state = [best.expand(part[:, None])[:, 0] for part in (long.final.displacement, long.final.velocity)]
         rows, exact, place = list[dict[str, Any]](), 0.0, self.place(models)
         with Interruptible() as course:

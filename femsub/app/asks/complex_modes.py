@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import WHICH, Ask, parameter_of, rowed
+from femsub.app.asks import WHICH, AskAt, rowed
 from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, column, label, studies
 from femsub.app.shapes import complex_pictures, page_mode, several_pictures
@@ -16,7 +16,6 @@ from femsub.model import in_band
 
 if TYPE_CHECKING:
     from femsub import ComplexModes
-    from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
 
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
@@ -24,7 +23,7 @@ NO_GROWTH = "no eigenvalue up to ω"
 
 
 @dataclass(frozen=True)
-class ComplexModesAsk(Ask):
+class ComplexModesAsk(AskAt):
     """Complex eigenvalue analysis: the largest Re λ of each model, the modes that grow, the shape of the least stable one.
 
     Eigenvalues of a reduced model above its cut-off, and those of the full model beyond it, are no part of the comparison.
@@ -32,16 +31,10 @@ class ComplexModesAsk(Ask):
 
     complex_modes: str = key("all", "of which models: 'full', 'reduced', 'all', or 'best', the largest of the last method",
                              choices=lambda _: WHICH)
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     every: bool = key(False, "whether all eigenvalues of small models are listed, not those in the band alone")
 
     KIND: ClassVar[str] = "complex-modes"
     PENCIL: ClassVar[bool] = True
-
-    def check(self, scene: Scene) -> None:
-        super().check(scene)
-        for name in self.at:
-            parameter_of(scene, name)
 
     def run(self, models: Models) -> Result:
         spectra, panels, unstable = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()

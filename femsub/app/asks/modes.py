@@ -39,7 +39,8 @@ class ModesAsk(Ask):
         (limit, count), rows = found.counted, found.rows(self.reference)
         data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
         if not rows:
-            return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: {found.count_words}"])
+            return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: "
+                                            f"{found.count_words}"])
         columns: list[Any] = ["mode", "omega", "residual"]
         shown: list[Shown] = []
         if self.reference:

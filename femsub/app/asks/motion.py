@@ -69,8 +69,8 @@ class MotionAsk(Ask):
                 run.whole()
         place = self.observe or models.places[0]
         columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
-                                                  cell=lambda row: strongest(row["peaks"])), "sticking",
-                   "energy_residual", "seconds",
+                                                  cell=lambda row: None if row["peaks"] is None else row["peaks"][:3].tolist()),
+                   "sticking", "energy_residual", "seconds",
                    column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
         seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
                 for row in rows if row["rms"] is not None and len(row["peaks"])]
@@ -96,9 +96,9 @@ class MotionAsk(Ask):
         """The port that is observed, as the model names it."""
         return models.port(self.observe) if self.observe else models.places[0]
 
-    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], tuple[float, complex]]:
-        """A model's run, the window, and the unit of time with the eigenvalue that it is the period of."""
-        unit, value = self.unit(models) if self.in_periods else (1.0, 0j)
+    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], float]:
+        """A model's run, the window, and the unit of time."""
+        unit = self.unit(models) if self.in_periods else 1.0
         start, end = self.motion[0] * unit, self.motion[1] * unit
         step = self.step * unit or (unit / 40 if self.in_periods else (end - start) / 20_000)
         place, ports = self.place(models), [name for contact in models.contacts for name in contact.ports]
@@ -110,19 +110,17 @@ class MotionAsk(Ask):
                                 progress=lambda text: models.say(f"{label(one.kind)}, {text}"))
 
         at = "motion", id(one.model), repr(models.contacts), start, end, step, self.tol, self.impulse, place
-        found = models.kept(at, run)
-        return found, window, (unit, value)
+        return models.kept(at, run), window, unit
 
-    def unit(self, models: Models) -> tuple[float, complex]:
-        """The period of the mode that grows fastest, and its eigenvalue."""
+    def unit(self, models: Models) -> float:
+        """The period of the mode that grows fastest."""
         reference = models.best
         modes = models.spectrum(reference)
         at = modes.fastest
         if at is None:
             raise InputError(f"nothing grows: {reference.model!r} is stable below its cut-off under {models.contacts!r}; take a "
                              "larger force, less damping or another speed")
-        value = complex(modes.eigenvalues[at])
-        return 2 * np.pi / value.imag, value
+        return float(2 * np.pi / modes.eigenvalues[at].imag)
 
     def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6) -> Result:
         """Growth of the most unstable mode below a model's cut-off, measured in time from `faint` of the belt's speed."""
@@ -156,7 +154,7 @@ class MotionAsk(Ask):
 
     def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Short-time spectra of the whole runs, on one scale."""
-        unit = self.unit(models)[0] if self.in_periods else 1.0
+        unit = self.unit(models) if self.in_periods else 1.0
         whole_time = (self.motion[1] - self.motion[0]) * unit
         lowest = min((item.peaks[0] for item in tracks if len(item.peaks)), default=np.inf)
         length = self.length * unit or max(whole_time / 50, min(20 * np.pi / lowest, whole_time / 4))
@@ -188,8 +186,3 @@ class MotionAsk(Ask):
             Table("motion-quality", rows, columns, "Quality under self-excitation"),
             *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
             Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])
-
-
-def strongest(peaks: Sequence[float] | None) -> list[float] | None:
-    """The frequencies of the three largest peaks of a spectrum, which come first in it; None where there is no spectrum."""
-    return None if peaks is None else [float(at) for at in peaks[:3]]

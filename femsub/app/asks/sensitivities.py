@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of
+from femsub.app.asks import AskAt, parameter_of
 from femsub.app.kinds import key
 from femsub.app.result import Result
 
@@ -16,12 +16,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SensitivitiesAsk(Ask):
+class SensitivitiesAsk(AskAt):
     """∂λ/∂p of the modes that grow, or of the least stable one, with error bars."""
 
     sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]",
                                    required=True, example=["mu", "pressure"])
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
 
     KIND: ClassVar[str] = "sensitivities"
@@ -29,7 +28,7 @@ class SensitivitiesAsk(Ask):
 
     def check(self, scene: Scene) -> None:
         super().check(scene)
-        for name in (*self.sensitivities, *self.at):
+        for name in self.sensitivities:
             parameter_of(scene, name)
 
     def run(self, models: Models) -> Result:
