@@ -16,13 +16,12 @@ from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.methods import FULL
 from femsub.checks import Array, InputError, PortWarning
 from femsub.model import MOTIONS, contacts_at, family_of
-from femsub.reduction import METHODS, Method, of_size, with_room
+from femsub.stability import pencil_over, with_value
 from femsub.studies import in_words, key_of, reduced_by
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
-RIGID = len(MOTIONS)  # rigid motions that a part has at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +199,7 @@ class Models:
         """The contacts for linear analyses at values of parameters."""
         found = self.contacts if set(values) & {"speed", "eps"} else self.linear
         for name, value in values.items():
-            found = fs.stability.with_value(found, name, value)
+            found = with_value(found, name, value)
         return found
 
     @property
@@ -215,7 +214,8 @@ class Models:
         """The lowest normal modes of the full model: those of the default band, and what is rigid."""
         def modes() -> fs.NormalModes:
             self.say("normal modes")
-            return fs.normal_modes(self.full, count=max(1, min(RIGID + self.scene.settings.elastic, self.full.size - RIGID)))
+            rigid = len(MOTIONS)  # at most
+            return fs.normal_modes(self.full, count=max(1, min(rigid + self.scene.settings.elastic, self.full.size - rigid)))
 
         return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
 
@@ -280,13 +280,13 @@ class Models:
             return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
-                return of_size(entry, full, count)
+                return fs.reduction.of_size(entry, full, count)
             if count > full.size:
                 raise InputError(f"modes: {count} are more than the {full.size} DOF of {full.name!r}")
-            return METHODS[entry](count)
+            return fs.reduction.METHODS[entry](count)
         if self.alone:
             raise InputError("a method for each part needs several parts; give its name alone")
-        mapping: dict[str, Method] = {}
+        mapping: dict[str, Any] = {}
         for part, sub in full.parts.items():
             own = entry if isinstance(entry, str) else entry.get(part, FULL)
             modes = count
@@ -295,7 +295,7 @@ class Models:
                 modes = given[min(row, len(given) - 1)] if given else count
                 own = own["method"]
             if own != FULL:
-                mapping[part] = with_room(own, sub, modes)
+                mapping[part] = fs.reduction.with_room(own, sub, modes)
         return mapping
 
     def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
@@ -314,7 +314,8 @@ class Models:
                         model = fs.reduce(family, step, contacts=contacts)
                         continue
                     model = reduced_by(model, [step], self.linear, self.scene.reduce.ports, self.scene.reduce.workers or None)
-            return Known(key, count if key not in METHODS or not hasattr(model, "modes") else model.modes, model, before, steps)
+            kept = getattr(model, "modes", count) if key in fs.reduction.METHODS else count
+            return Known(key, kept, model, before, steps)
 
         place = "reduced", self._key, repr(steps), self.scene.reduce.ports, repr(self.linear) if any(
             isinstance(one, fs.ContactModes) for one in steps) else ""
@@ -406,7 +407,7 @@ class Models:
             return known.model.fixed(**{name: self.value(name) for name in known.model.parameters if name not in names}), None
         if not changes:
             contacts = self.at({}) if "speed" not in names else self.contacts
-            if between is None or not fs.stability.pencil_over(known.model, contacts, names[0]).affine(between):
+            if between is None or not pencil_over(known.model, contacts, names[0]).affine(between):
                 return known.model, contacts
             return family_of(known.model, contacts, list(names), {names[0]: between}), None
         ranges = {name: self.scene.parameters[name].range for name in names}

@@ -3,6 +3,7 @@ from .build import not_negative as not_negative, pair as pair, proportional as p
 from .facing import Facing as Facing, covered as covered, warn_of_uncovered as warn_of_uncovered
 from .fields import (
     joined_mesh as joined_mesh,
+    joined_parts as joined_parts,
     joined_shapes as joined_shapes,
     moved_fields as moved_fields,
     node_rows as node_rows,

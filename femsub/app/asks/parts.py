@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.kinds import key
@@ -35,9 +33,6 @@ class PartsAsk(Ask):
         shown: list[Any] = [Table("parts", rows, columns, "Parts")]
         if len({mesh.kind for mesh in meshes.values()}) > 1 or next(iter(meshes.values())).dimension == 1:
             return Result({"parts": rows}, shown)
-        ends = np.cumsum([row["cells"] for row in rows])
-        groups = {row["part"]: np.arange(end - row["cells"], end) for row, end in zip(rows, ends, strict=True)}
-        whole = fs.components.joined_mesh(list(meshes.values()), groups)
-        number = np.repeat(np.arange(1.0, len(rows) + 1), [row["nodes"] for row in rows])
+        whole, number = fs.components.joined_parts(meshes)
         return Result({"parts": rows}, [*shown, Picture("parts", lambda: fs.components.parts_figure(meshes, title))],
                       {"parts.vtu": fs.io.mesh_writer(whole, {"part": number})})

@@ -14,11 +14,11 @@ from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.checks import InputError
+from femsub.model import Expression, affine_of, check_range
 
 if TYPE_CHECKING:
     from femsub import Affine, Mesh
     from femsub.checks import Matrix
-    from femsub.model import Expression
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class AffinePart(Part):
     def factors(self) -> dict[str, list[Expression]]:
         """Those of the matrices of M, D and K."""
         sums = {name: enumerate(getattr(self.affine, name), 1) for name in "MDK"}
-        return {name: [fs.model.Expression(str(one.factor), f"{name}[{i}]") for i, one in terms] for name, terms in sums.items()}
+        return {name: [Expression(str(one.factor), f"{name}[{i}]") for i, one in terms] for name, terms in sums.items()}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -74,7 +74,7 @@ class AffinePart(Part):
         for name in self.names:
             if name != free and name not in values:
                 raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
-        fs.model.check_range([one for terms in self.factors.values() for one in terms], free, between, values)
+        check_range([one for terms in self.factors.values() for one in terms], free, between, values)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
@@ -83,7 +83,7 @@ class AffinePart(Part):
         """The pencil over free parameters; the others have values."""
         matrices = iter(self.matrices(site).values())
         sums = {name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}
-        return fs.model.affine_of(sums, free, values)
+        return affine_of(sums, free, values)
 
     def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
         """By their places, checked, all of one size."""
