@@ -52,6 +52,7 @@ from .quadratic.matching import (
     listed as listed,
     match as match,
     relative_error as relative_error,
+    rows_beside as rows_beside,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
 )

@@ -55,7 +55,6 @@ from femsub.checks import (
 from femsub.model import DOUBLE, MOTIONS, TRANSLATIONS, Substructure, in_band, usable_band, widened
 from femsub.modes.charts import frequencies_chart
 from femsub.modes.dense import dense_modes, orthonormalise, refined, scaled_errors
-from femsub.modes.quadratic.matching import NEAR, match
 from femsub.modes.shaped import Shaped
 from femsub.modes.shift_invert import IN_PARTS, ShiftInvert
 from femsub.output import Chart, Table
@@ -157,16 +156,10 @@ class NormalModes(Shaped):
         words = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
         return words + f", {self.unlisted} of them outside the band" * bool(self.unlisted)
 
-    def rows(self, reference: Sequence[float] = ()) -> list[dict[str, Any]]:
-        """A row for each mode; elastic modes have the reference frequency that is theirs, and the relative difference."""
-        rows: list[dict[str, Any]] = [
-            {"mode": i, "omega": float(omega), "rigid": i <= self.rigid, "residual": float(residual)}
-            for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
-        own, theirs = self.frequencies[self.rigid:], np.array(reference, dtype=float)
-        for at, to in zip(*match(own, theirs), strict=True) if len(theirs) else ():
-            if (difference := abs(float(own[at] / theirs[to] - 1))) <= NEAR:
-                rows[self.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
-        return rows
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each mode."""
+        return [{"mode": i, "omega": float(omega), "rigid": i <= self.rigid, "residual": float(residual)}
+                for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
 
     def elastic_band(self, count: int, beside: float = 0.02) -> tuple[float, float]:
         """From 0 to `beside` beyond so many elastic modes, and beyond those so close above them that the end would part them."""

@@ -36,7 +36,7 @@ class ModesAsk(Ask):
                 full, count=max(1, min(6 + self.modes, most)))
         else:
             found = fs.normal_modes(full, band=models.band_of(self.band))
-        (limit, count), rows = found.counted, found.rows(self.reference)
+        (limit, count), rows = found.counted, fs.modes.rows_beside(found, self.reference)
         data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
         if not rows:
             return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: "
