@@ -36,7 +36,7 @@ from femsub.app.kinds import FAMILIES, Kinds, is_beside, key, kinds_file
 from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
-from femsub.checks import InputError, mapping, path_of, unknown_name, word
+from femsub.checks import InputError, instance, mapping, path_of, unknown_name, word
 from femsub.io import Faults, keys_of, parsed_toml, read_table, spelt
 from femsub.output import SYSTEMS, Units
 
@@ -177,7 +177,8 @@ class Scene:
     """
 
     def __init__(self, table: Mapping[str, Any], folder: str | Path = ".", source: SceneSource | None = None) -> None:
-        table, source = mapping("table", table, "the tables of a scene file"), source or SceneSource()
+        table = mapping("table", table, "the tables of a scene file")
+        source = SceneSource() if source is None else instance("source", source, SceneSource, "which a file's scene has")
         self.folder, self.source, self.variant = path_of("folder", folder), source, source.variant
         self.store: dict[Any, Any] = source.store if source.variant else {}
         self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
