@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import femsub as fs
-from femsub.app.explain import TABLES, spelt, tables_of, toml
+from femsub.app.explain import TABLES
 from femsub.app.grammar import built_in, text_of
-from femsub.app.keys import Key, keys_of, type_words
 from femsub.app.kinds import Kinds
+from femsub.io import Key, keys_of, spelt, toml, type_words
 
 #: the pages of public names: title, one line, and the rooms or modules of femsub whose names stand there
 NAMES = {
@@ -124,8 +124,8 @@ def table_text(kind: type, name: str) -> Iterator[str]:
 
 def inner_tables(kind: type, where: str) -> Iterator[str]:
     for name, one in keys_of(kind).items():
-        for table in tables_of(one):
-            heading = f"Keys of {where}{spelt(kind, name)}" + f", {first_line(table).rstrip('.')}" * (len(tables_of(one)) > 1)
+        for table in one.tables:
+            heading = f"Keys of {where}{spelt(kind, name)}" + f", {first_line(table).rstrip('.')}" * (len(one.tables) > 1)
             yield f"### {heading}\n\n{key_table(table)}"
             yield from inner_tables(table, f"{where}{spelt(kind, name)}.")
 

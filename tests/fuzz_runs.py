@@ -19,12 +19,12 @@ from fuzzing import Subject
 import femsub as fs
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
-from femsub.app.moving import read_mode
 from femsub.app.page import show
 from femsub.app.record import Record
 from femsub.app.report import output_folder
 from femsub.app.result import Result
 from femsub.checks import FemsubError
+from femsub.io import read_mode
 from femsub.output import MODE_FILE, Table
 
 NUMBERS = re.compile(r"[-+]?(?:\d+\.?\d*(?:e[-+]?\d+)?|\binf\b)|\bnan\b")

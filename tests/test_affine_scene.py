@@ -16,10 +16,10 @@ from numpy.polynomial import polynomial
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.expressions import Expression, Factor
 from femsub.app.grammar import Scene
 from femsub.checks import InputError
 from femsub.components import disc_pair, two_mode
+from femsub.model import Expression, Factor
 
 OWN = """
 name = "own"
@@ -143,9 +143,9 @@ def test_a_large_model_is_followed(tmp_path: Path, capsys: pytest.CaptureFixture
     (("0.005, 0.2]", "-0.1, 0.2]"), r"'mu / speed' has no value at mu = 0.4, speed = .*: division by"),
     (("0.005, 0.2]", "0.0, 0.2]"), r"'mu / speed' has no value at mu = 0.4, speed = 0: .*division by"),
     (("speed**2", "speed^2"), r"'speed\^2' has \^ \(write \*\* for powers\) in it, but only numbers"),
-    (("speed**2", "__import__('os')"), r"K\[3\].factor.* in it, but only numbers, names"),
-    (("speed**2", "speed.real"), r"K\[3\].factor.*: 'speed.real' has speed.real in it"),
-    (("speed**2", "speed *"), r"K\[3\].factor.* must be an expression such as '1 / speed', not 'speed \*'"),
+    (("speed**2", "__import__('os')"), r"K\[3\].* in it, but only numbers, names"),
+    (("speed**2", "speed.real"), r"K\[3\].*: 'speed.real' has speed.real in it"),
+    (("speed**2", "speed *"), r"K\[3\].* must be an expression such as '1 / speed', not 'speed \*'"),
     (('factor = "speed"', 'factr = "speed"'), r"part.disc.affine.D 3.factr: unknown key 'factr'; did you mean 'factor'"),
     (('factor = "speed"', 'factor = ["speed"]'), r"part.disc.affine.D 3.factor: it must be a string or a number"),
     (("DR.npz", "wide.npz"), r"line 4: part.disc: D\[2\] must be square, but its shape is \(2, 3\)"),
@@ -225,8 +225,8 @@ def test_straight_lines_are_known(text: str, line: tuple[float, float] | None) -
     ("p ** 0.5", (-1.0, 1.0), -1.0), ("10 ** (400 * p)", (0.0, 1.0), 1.0)])
 def test_a_place_without_a_value_is_found_wherever_it_is(text: str, between: tuple[float, float], place: float) -> None:
     """No sample need hit it: ranges are halved about it."""
-    with pytest.raises(InputError, match=r"scene key 'D\[2\].factor'.* has no value at p = ") as told:
-        Expression(text, "D[2].factor").check_over("p", between, {})
+    with pytest.raises(InputError, match=r"the factor of D\[2\]: .* has no value at p = ") as told:
+        Expression(text, "D[2]").check_over("p", between, {})
     assert float(re.findall(r"p = ([-+.e\d]+):", str(told.value))[0]) == pytest.approx(place, abs=1e-7)
 
 
@@ -241,22 +241,22 @@ def test_a_factor_that_is_defined_is_not_refused(text: str) -> None:
                                   "(" * 300 + ")" * 300, "1+" * 400 + "1", "(yield p)", "p := 1",
                                   "__import__('os').system('true')", "~p"])
 def test_nothing_but_arithmetic_is_taken(text: str) -> None:
-    with pytest.raises(InputError, match="scene key 'factor'"):
+    with pytest.raises(InputError, match="the factor of factor"):
         _ = Expression(text, "factor").names
 
 
 @pytest.mark.parametrize("text", ["p#c", "p # 2", "p\\\n+ 1", "(p#)\n)"])
 def test_a_comment_is_no_arithmetic(text: str) -> None:
     with pytest.raises(InputError, match="in it, but only"):
-        Expression(text, "K[1].factor")
+        Expression(text, "K[1]")
 
 
 def test_an_oscillation_that_no_search_can_follow_is_refused() -> None:
     """A run took 42 s, and said nothing of it."""
     for text in ("sin(p*1e9)+2", "1 / (cos(exp(30 * p)) + 2)", "1 / sin(1 / (p - 0.1 + 1e-9))"):
         with pytest.raises(InputError, match="more than 100 periods"):
-            Expression(text, "K[1].factor").check_over("p", (0.1, 1.0), {})
-    Expression("sin(100 * p) + 2", "K[1].factor").check_over("p", (0.1, 1.0), {})
+            Expression(text, "K[1]").check_over("p", (0.1, 1.0), {})
+    Expression("sin(100 * p) + 2", "K[1]").check_over("p", (0.1, 1.0), {})
 
 
 @pytest.mark.parametrize("factor", ["p-p+1", "p*0+1", "p**0"])
@@ -273,6 +273,6 @@ def test_a_parameter_that_cancels_is_named(factor: str, tmp_path: Path, capsys: 
 def test_a_factor_is_pickled_and_tells_its_parameter() -> None:
     import pickle
 
-    factor = Factor(Expression("mu / speed", "D[2].factor"), ("speed",), (("mu", 0.4),))
+    factor = Factor(Expression("mu / speed", "D[2]"), ("speed",), (("mu", 0.4),))
     model = pickle.loads(pickle.dumps(fs.Affine([[1.0]], [(factor, [[1.0]])], [[1.0]])))
     assert model.parameters == ("speed",) and model.at(speed=2.0).D[0, 0] == pytest.approx(0.2)

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from femsub.app.asks.branch import BranchAsk, repeats
+from femsub.app.asks.branch import BranchAsk
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
+from femsub.motion.cycles import families
 from femsub.motion.cycles.branch import Branch
 from femsub.motion.cycles.branch_chart import bifurcation_chart
 from femsub.motion.cycles.continuation import with_parameter
+from femsub.motion.cycles.families import along, family_branches, family_cycles
+from femsub.motion.signals import period_near
 from femsub.output import draw
 
 
@@ -90,7 +93,7 @@ def oscillator() -> tuple[fs.Substructure, Branch]:
 
 
 def large(model: fs.Substructure, guide: Branch) -> tuple[Branch, list[dict[str, Any]]]:
-    return SPEED.guided(SCENE.models, model, RUBBING, [guide])
+    return along(guide, model, RUBBING, SPEED.dots)
 
 
 @pytest.mark.slow
@@ -104,19 +107,25 @@ def test_a_large_model_follows_the_reduced_one_s_branch_to_its_end(oscillator: t
         exact = guide.points[guide.values.tolist().index(value)]
         assert point.contact.belts[0].speed == value
         assert (point.omega, point.rms) == pytest.approx((exact.omega, exact.rms), rel=1e-3)
-    with pytest.raises(fs.NotConvergedError, match="no reduced model has this branch"):
-        SPEED.guided(SCENE.models, model, RUBBING, [])
+
+
+def test_without_a_small_model_a_large_one_has_neither_cycle_nor_branch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("femsub.motion.cycles.families.small", lambda model: False)
+    model = {"full": fs.chain(5, belt=2)}
+    row, = family_cycles(model, [RUBBING], 1.0)
+    branch, = family_branches(model, [RUBBING], "speed", (0.2, 1.0), [1.0])
+    assert row["why"] == "no reduced model gave a cycle to start from" and branch["why"] == "no reduced model has this branch"
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, fails: Any) -> None:
-    plain = fs.harmonic_balance
+    plain = families.harmonic_balance
 
     def balance(model: fs.Substructure, acting: Any, **options: Any) -> fs.LimitCycle:
         if fails(acting[0] if isinstance(acting, list) else acting):
             raise fs.NotConvergedError("no luck here")
         return plain(model, acting, **options)
 
-    monkeypatch.setattr(fs, "harmonic_balance", balance)
+    monkeypatch.setattr(families, "harmonic_balance", balance)
 
 
 @pytest.mark.slow
@@ -140,8 +149,7 @@ def test_a_cycle_that_does_not_converge_is_told_and_the_others_are_kept(oscillat
 def test_the_scene_tells_which_cycles_of_the_large_model_are_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str],
                                                                      monkeypatch: pytest.MonkeyPatch) -> None:
     failing(monkeypatch, lambda belt: belt.slope < -0.059)
-    for module in ("branch", "cycles"):  # the full model of 60 DOF is large, those of 5 DOF are small
-        monkeypatch.setattr(f"femsub.app.asks.{module}.small", lambda model: model.size < 50)
+    monkeypatch.setattr(families, "small", lambda model: model.size < 50)  # the full model of 60 DOF is large
     monkeypatch.setattr("femsub.motion.cycles.compliance.QUADRATIC", 50)
     text = ('scene = "chain-limit-cycle"\nband = [0.0, 0.1]\n[part.chain]\nchain = 60\n[contact.belt]\neps = 0.02\n'
             '[[ask]]\nbranch = "slope"\nfamilies = 1\nbetween = [-0.06, -0.01]\ndots = 0\n')
@@ -161,12 +169,12 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
     model, guide = oscillator
     starts: list[fs.State] = []
     plain = fs.transient
-    monkeypatch.setattr(fs, "transient", lambda *args, start, **options: starts.append(start) or
+    monkeypatch.setattr(families, "transient", lambda *args, start, **options: starts.append(start) or
                         plain(*args, start=start, **options))
-    dots = replace(SPEED, dots=3).dotted(SCENE.models, "full", model, RUBBING, (0.45, 1.85), 1.0, [guide])
+    dots = families.settled_over(model, RUBBING, "speed", (0.45, 1.85), 3, SPEED.periods * 2 * np.pi, [guide])
     values = [0.8, 1.15, 1.5]  # one cycle, a stable one above an unstable one, none
     assert len(guide.at(values[1])) == 2 and guide.values.max() < values[2]
-    assert [dot["value"] for dot in dots] == pytest.approx(values[:2]) and {dot["model"] for dot in dots} == {"full"}
+    assert [dot["value"] for dot in dots] == pytest.approx(values[:2])
     for dot, start in zip(dots, starts, strict=True):
         stable, = [cycle for cycle in guide.at(dot["value"]) if cycle.is_stable]
         np.testing.assert_allclose(start.velocity, 1.05 * stable.state().velocity)
@@ -178,13 +186,12 @@ def test_dots_from_a_cycle_lie_on_the_branch_and_only_where_it_is_stable(oscilla
 def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
     t = np.linspace(3.0, 20.0, 4096)
     v = np.cos(1.3 * t) + 0.4 * np.sin(3.9 * t)
-    assert repeats(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
+    assert period_near(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
 
 
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
-    asked = replace(SPEED, dots=1, dots_from="blow", periods=60)
-    dot, = asked.dotted(SCENE.models, "full", model, RUBBING, (0.7, 0.9), 1.0, [])
+    dot, = families.settled_over(model, RUBBING, "speed", (0.7, 0.9), 1, 60 * 2 * np.pi)
     exact = fs.harmonic_balance(model, with_parameter(RUBBING, "speed", 0.8), start=guide.at(0.8)[0])
     assert (dot["omega"], dot["rms"]) == pytest.approx((exact.omega, exact.rms), rel=2e-2)
 

@@ -11,7 +11,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from femsub.app import cli, doctor
+from femsub.algebra import installed
+from femsub.app import cli
 from femsub.checks import MissingPackageError
 
 ROOT = Path(__file__).parent.parent
@@ -29,9 +30,9 @@ def test_what_is_wrong_is_told_with_what_to_do(monkeypatch: pytest.MonkeyPatch, 
         raise MissingPackageError("slepc4py is not installed: scripts/setup installs it")
 
     monkeypatch.setattr("femsub.algebra.petsc.versions", missing)
-    monkeypatch.setattr(doctor, "available", lambda: 1e8)
+    monkeypatch.setattr(installed, "available", lambda: 1e8)
     many = {"filepath": "libopenblas.so", "internal_api": "openblas", "version": "0.3.0", "num_threads": 10_000}
-    monkeypatch.setattr(doctor, "libraries", lambda: SimpleNamespace(info=lambda: [many]))
+    monkeypatch.setattr(installed, "libraries", lambda: SimpleNamespace(info=lambda: [many]))
     assert cli.main(["doctor"]) == 1
     told = [line for line in capsys.readouterr().out.splitlines() if line.startswith("WRONG")]
     assert len(told) == 3
@@ -43,14 +44,14 @@ def test_whatever_breaks_is_told_and_the_rest_goes_on(monkeypatch: pytest.Monkey
     def broken() -> float:
         raise OSError("no such file")
 
-    monkeypatch.setattr(doctor, "available", broken)
-    found = doctor.examine()
+    monkeypatch.setattr(installed, "available", broken)
+    found = installed.examine()
     assert any("OSError: no such file" in line for line in found.wrong) and len(found.lines) > 8
 
 
 def test_a_wrong_count_of_the_inertia_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "inertia", lambda A: 0)
-    assert any("negative eigenvalues is counted as 0" in line for line in doctor.examine().wrong)
+    monkeypatch.setattr(installed, "inertia", lambda A: 0)
+    assert any("negative eigenvalues is counted as 0" in line for line in installed.examine().wrong)
 
 
 def test_import_from_the_folder_above_a_clone(tmp_path: Path) -> None:

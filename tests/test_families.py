@@ -16,8 +16,7 @@ import pytest
 import scipy.sparse as sp
 
 import femsub as fs
-from femsub.app.expressions import Expression, Factor
-from femsub.model import family_of
+from femsub.model import Expression, Factor, family_of
 from femsub.model.intervals import RISING, UFUNCS, Interval, range_of
 from femsub.stability import pencil_over
 

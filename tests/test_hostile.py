@@ -290,7 +290,7 @@ SLOW = """
 import sys
 from dataclasses import dataclass
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.output import Table
 

@@ -22,11 +22,25 @@ import test_scene
 
 from femsub.app import explain
 from femsub.app.cli import main
-from femsub.app.faults import Faults
-from femsub.app.grammar import Scene, built_in, parsed, text_of
-from femsub.app.keys import Key, item_kind, key, keys_of, kinds, made
+from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.checks import InputError, installed_by
+from femsub.io import (
+    Faults,
+    Key,
+    alternatives,
+    first_line,
+    item_type,
+    key,
+    keys_of,
+    listed_keys,
+    parsed_toml,
+    read_table,
+    spelt as spelt_key,
+    table_schema,
+    toml,
+    toml_text,
+)
 from femsub.output import SYSTEMS, span
 
 ROOT = Path(__file__).parent.parent
@@ -34,7 +48,7 @@ SCENES = list(built_in())
 #: all tables of scene files by the names that `femsub keys` has for them
 TABLES = explain.TABLES | {f"{family}.{name}": Kinds().kind(family, name) for family in FAMILIES
                            for name in Kinds().names(family)}
-SHAPE = explain._table  # the schema of a table
+SHAPE = table_schema  # the schema of a table
 #: keys that exclude others
 ALONE = {"parameter": ("material", "mass", "spring", "damper")}
 #: a number, a text, a list, a table and a truth, so that every key refuses one of them
@@ -80,7 +94,7 @@ def test_the_schema_leaves_kinds_of_ones_own_alone(validator: Any) -> None:
 def whole(name: str) -> dict[str, Any]:
     """A table with all its keys, each with its example or its default."""
     kind = TABLES[name]
-    table = {explain.spelt(kind, field): one.default if one.example is None else one.example
+    table = {spelt_key(kind, field): one.default if one.example is None else one.example
              for field, one in keys_of(kind).items()}
     left_out = ALONE.get(name, ())[1:]
     return {spelt: value for spelt, value in table.items() if value not in (None, "", [], {}) and spelt not in left_out}
@@ -88,7 +102,7 @@ def whole(name: str) -> dict[str, Any]:
 
 def faults_of(kind: Any, table: dict[str, Any]) -> list[str]:
     faults = Faults()
-    made(kind, table, (), faults)
+    read_table(kind, table, (), faults)
     return [text for _, text in faults.found]
 
 
@@ -131,13 +145,13 @@ def test_a_table_with_every_key_is_taken_by_the_checks_and_by_the_schema(name: s
 
 def wrong_values(one: Key) -> Iterator[Any]:
     """Values that a key cannot have: beyond each of its bounds, another word, a list of another length, one value twice."""
-    whole_ones = int in kinds(one.type) or list[int] in kinds(one.type)
+    whole_ones = int in alternatives(one.type) or list[int] in alternatives(one.type)
     step = 1 if whole_ones else 1e-6
     numbers = [bound for bound in (one.above, one.below) if bound is not None]
     numbers += [one.least - step] if one.least is not None else []
     numbers += [one.most + step] if one.most is not None else []
     words = ["strange"] * (one.choices is not None)
-    listed = any(item_kind(kind) for kind in kinds(one.type))
+    listed = any(item_type(kind) for kind in alternatives(one.type))
     bare = not listed or one.length is None  # of a list of fixed length no value stands alone
     yield from (value for value in [*numbers, *words] if bare)
     if listed:
@@ -158,7 +172,7 @@ def test_the_bounds_and_types_of_each_key_are_checked_as_the_schema_says(name: s
     kind, table = TABLES[name], whole(name)
     shape = jsonschema.Draft7Validator(SHAPE(kind))
     for field, one in keys_of(kind).items():
-        spelt = explain.spelt(kind, field)
+        spelt = spelt_key(kind, field)
         if spelt in (others := ALONE.get(name, ())):
             table = {key_: value for key_, value in table.items() if key_ not in others}
         for value in wrong_values(one):
@@ -167,7 +181,7 @@ def test_the_bounds_and_types_of_each_key_are_checked_as_the_schema_says(name: s
             assert not shape.is_valid(table | {spelt: value}), (spelt, value)
         strange = [value for value in OTHERS if faults_of(kind, table | {spelt: value})]
         refused = [value for value in OTHERS if not shape.is_valid(table | {spelt: value})]
-        assert strange or Any in kinds(one.type), spelt
+        assert strange or Any in alternatives(one.type), spelt
         seen = [value for value in strange if value not in refused]
         assert not [value for value in refused if value not in strange] and (not seen or one.unit.startswith("rad/") or
                                                                             field in UNSEEN_WORDS), (spelt, seen)
@@ -204,7 +218,7 @@ def test_a_new_file_of_ones_own_is_all_that_it_stands_for(name: str, tmp_path: P
     (tmp_path / "my.toml").write_text(f'scene = "{name}"\nname = "mine"\n[reduce]\ntolerance = 0.125\n', encoding="utf-8")
     assert main(["new", str(tmp_path / "my.toml")]) == 0
     text = capsys.readouterr().out
-    below = parsed(text_of(name), name)
+    below = parsed_toml(text_of(name), name)
     assert text.startswith(f"#:schema {explain.FILE}\n")
     assert tomllib.loads(text) == below | {"name": "mine", "reduce": {**below.get("reduce", {}), "tolerance": 0.125}}
 
@@ -213,9 +227,9 @@ def test_a_new_file_of_ones_own_is_all_that_it_stands_for(name: str, tmp_path: P
 def test_keys_are_listed_with_type_unit_default_and_meaning(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keys", name]) == 0
     text, kind = capsys.readouterr().out, TABLES[name]
-    assert explain.first_line(kind) in " ".join(text.split()) and max(map(len, text.splitlines())) <= 80
+    assert first_line(kind) in " ".join(text.split()) and max(map(len, text.splitlines())) <= 80
     for field, one in keys_of(kind).items():
-        entry = re.search(rf"^{explain.spelt(kind, field)} +(.+(?:\n +.+)+)", text, re.MULTILINE)
+        entry = re.search(rf"^{spelt_key(kind, field)} +(.+(?:\n +.+)+)", text, re.MULTILINE)
         assert entry is not None
         said = " ".join(entry[1].split())
         assert " ".join(one.meaning.split()) in said and f"[{one.unit}]" in said + "[]" * (not one.unit)
@@ -224,7 +238,7 @@ def test_keys_are_listed_with_type_unit_default_and_meaning(name: str, capsys: p
             assert "; required" in said
         elif not one.required_with:
             assert one.otherwise in said and (one.otherwise or one.default in (None, "", [], {}) or
-                                              f"; default: {explain.toml(one.default)}" in said)
+                                              f"; default: {toml(one.default)}" in said)
         assert one.otherwise or one.required or one.required_with or one.default not in (None, "", [], {}), "no default is told"
 
 
@@ -232,7 +246,7 @@ def test_all_kinds_are_listed_with_their_first_sentence(capsys: pytest.CaptureFi
     assert main(["keys"]) == 0
     text = capsys.readouterr().out
     for name, kind in TABLES.items():
-        assert re.search(rf"^ *{name.rpartition('.')[2]}:? +{re.escape(explain.first_line(kind))}$", text, re.MULTILINE), name
+        assert re.search(rf"^ *{name.rpartition('.')[2]}:? +{re.escape(first_line(kind))}$", text, re.MULTILINE), name
     assert main(["keys", "critcal"]) == 2 and "did you mean 'critical'" in capsys.readouterr().err
     assert main(["keys", "matrices"]) == 0  # a part and an ask
     assert re.findall(r"^(\w+): matrices$", capsys.readouterr().out, re.MULTILINE) == ["part", "ask"]
@@ -281,9 +295,9 @@ def test_a_key_may_be_a_table_a_list_of_tables_or_tables_by_name() -> None:
     table = tomllib.loads('name = "two"\n[[parts]]\nmesh = "a"\nlength = 3\n[[parts]]\nmesh = "b"\nheld = "left"\n'
                           '[[joints]]\nparts = ["a", "b"]\n[named]\nc = {mesh = "c"}\n')
     faults = Faults()
-    assert made(Whole, table, (), faults) == Whole("two", [Piece("a", 3.0), Piece("b", held=["left"])], [Link(["a", "b"])],
+    assert read_table(Whole, table, (), faults) == Whole("two", [Piece("a", 3.0), Piece("b", held=["left"])], [Link(["a", "b"])],
                                                    {"c": Piece("c")})
-    assert made(Whole, {"parts": {"mesh": "a"}}, (), faults) == Whole(parts=[Piece("a")])  # one does for a list of one
+    assert read_table(Whole, {"parts": {"mesh": "a"}}, (), faults) == Whole(parts=[Piece("a")])  # one does for a list of one
     assert not faults.found
 
 
@@ -306,11 +320,11 @@ def test_what_is_wrong_in_a_table_is_named_and_the_schema_rejects_it(text: str, 
 
 
 def test_tables_are_listed_and_written_as_they_are_read() -> None:
-    listed = "\n".join(explain._listed(Whole, ""))
+    listed = "\n".join(listed_keys(Whole, ""))
     assert len(re.findall(r"^ +length +a number above 0 \[m\]; default: 1.0$", listed, re.MULTILINE)) == 2
     table = {"name": 'a "b"', "part": {"x y": {"n": 1e-9, "m": True}, "z": {"ports": {"belt": [0.3, 1]}}},
              "ask": [{"critical": "mu", "vary": {"part.z.n": [0.1 + 0.2, 12345678.0]}}, {"modes": 3}]}
-    assert tomllib.loads("\n".join(explain.toml_lines(table, ""))) == table
+    assert tomllib.loads(toml_text(table)) == table
 
 
 # the command line

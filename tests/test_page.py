@@ -22,11 +22,10 @@ from test_results import CHAIN, SMALL, difference, results, scene_file
 import femsub as fs
 from femsub.app import page
 from femsub.app.cli import main
-from femsub.app.explain import toml_text
 from femsub.app.grammar import Scene
-from femsub.app.moving import moving, read_mode
 from femsub.app.result import Result
 from femsub.checks import installed_by
+from femsub.io import moving, read_mode, toml_text
 from femsub.motion import cycles_verdict
 from femsub.output import MODE_FILE, Remark, answer, to_json
 from femsub.output.page import coded, rows_of
@@ -286,7 +285,7 @@ OWN = """
 import femsub as fs
 from dataclasses import dataclass
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.output import Chart, Panel, Series, Table, column
 from femsub.output import Verdict
@@ -544,7 +543,7 @@ from dataclasses import dataclass
 import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.stability import stability_map_chart, stability_map_tables
 from femsub.output import Verdict

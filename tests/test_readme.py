@@ -22,9 +22,10 @@ import scipy.io
 import femsub as fs
 from benchmarks.pages import BLOCK, GIVEN, blocks_of, differences, run
 from femsub.app.cli import main
-from femsub.app.grammar import Scene, parsed
+from femsub.app.grammar import Scene
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.components import disc_pair
+from femsub.io import parsed_toml
 
 ROOT = Path(__file__).parent.parent
 #: All pages but those that the site's build makes.
@@ -125,7 +126,7 @@ def test_commands_exist_and_the_scenes_they_name() -> None:
 def test_each_kind_is_used_in_a_scene_file_of_the_guide_and_the_page_on_scenes_names_it() -> None:
     kinds, used = Kinds(), set[tuple[str, str]]()
     for text in (text for page, kind, text in BLOCKS if kind == "toml"):
-        table = parsed(text, "a block")
+        table = parsed_toml(text, "a block")
         for family in FAMILIES:
             tables = table.get(family, {})
             for one in tables if isinstance(tables, list) else tables.values():

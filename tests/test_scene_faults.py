@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from femsub.app.faults import line_numbers
 from femsub.app.grammar import Scene, text_of
 from femsub.app.models import Models
 from femsub.checks import InputError
+from femsub.io import line_numbers
 
 #: built-in scenes that need no files
 SCENES = ("chain", "beam", "plate", "solid", "frequency-response", "plate-parts", "solid-parts", "brake", "chain-transient",

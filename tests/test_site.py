@@ -14,10 +14,10 @@ import pytest
 
 import femsub as fs
 from benchmarks import gallery
-from femsub.app.explain import TABLES, spelt, tables_of
+from femsub.app.explain import TABLES
 from femsub.app.grammar import Scene, built_in, text_of
-from femsub.app.keys import keys_of
 from femsub.app.kinds import FAMILIES, Kinds
+from femsub.io import keys_of, spelt
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -66,7 +66,7 @@ ALL_KINDS = [*(("tables", name, kind) for name, kind in TABLES.items()), *(
 def test_the_reference_has_every_key_of_a_kind(page: str, name: str, kind: Any) -> None:
     def expected(kind: Any) -> list[tuple[str, Any]]:
         own = [(spelt(kind, field), one) for field, one in keys_of(kind).items()]
-        return own + [pair for _, one in own for table in tables_of(one) for pair in expected(table)]
+        return own + [pair for _, one in own for table in one.tables for pair in expected(table)]
 
     heading = generate.HEADINGS.get(name, name) if page == "tables" else name
     text = PAGES[f"scenes/kinds/{page}.md"].split(f"\n## {heading}\n")[1].split("\n## ")[0]

@@ -20,7 +20,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from femsub.algebra import load, store, times
-from femsub.app.expressions import Expression
+from femsub.model import Expression
 
 CODE = """
 import scipy.linalg

@@ -180,7 +180,9 @@ class Interrupted:
 def interrupted(monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
     ticking = SimpleNamespace(perf_counter=itertools.count().__next__)  # a second at each look
     monkeypatch.setattr("femsub.motion.transient.clock", ticking)
-    monkeypatch.setattr(fs, "transient", Interrupted(nth))
+    runs = Interrupted(nth)
+    for place in ("femsub", "femsub.motion.compared"):
+        monkeypatch.setattr(f"{place}.transient", runs)
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -202,7 +204,7 @@ def test_ctrl_c_between_two_runs_of_the_growth_is_told_as_well(tmp_path: Path, m
     def stop(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(fs, "growth_rate", stop)
+    monkeypatch.setattr("femsub.motion.compared.growth_rate", stop)
     out = tmp_path / "out"
     text = "figures = false\n" + shows(BRIEF, "growth")
     assert main(["run", scene_file(tmp_path, text), "--out", str(out)]) == 130

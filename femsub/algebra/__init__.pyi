@@ -32,6 +32,7 @@ from .factor import (
     solved as solved,
 )
 from .frozen import Frozen as Frozen
+from .installed import examine as examine
 from .matrices import (
     Difference as Difference,
     as_matrix as as_matrix,

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from femsub.app.keys import key, keys_of
+from femsub.app.kinds import key
 from femsub.checks import InputError
+from femsub.io import keys_of
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:

@@ -75,8 +75,8 @@ def _output(command: argparse.ArgumentParser, written: str) -> None:
                       "factorisation and count")
 
 
-def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False, optional: bool = False) -> None:
-    scene = command.add_argument("scene", help=text, nargs="?" if optional else None)
+def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False) -> None:
+    scene = command.add_argument("scene", help=text)
     shells = {"bash": "_femsub_scene", "zsh": "_femsub_scene", "tcsh": "f"}
     scene.complete = {shell: f"{name}_or_file" if files and shell != "tcsh" else name  # type: ignore[attr-defined]
                       for shell, name in shells.items()}
@@ -102,10 +102,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return _run(options, partial(audit_command.scene, options))
         if options.command == "doctor":
             try:
-                from femsub.app.doctor import report
+                from femsub.algebra import examine
             except ImportError as error:  # NumPy or SciPy itself
                 return _fail(f"{error}; install what femsub needs: {installed_by('numpy', 'scipy')}", 1)
-            return report()
+            found = examine()
+            _say(f"femsub       {__version__}, in {Path(__file__).parents[1]}\n{found.text}")
+            return bool(found.wrong)
         _say(_printed(options))
         return 0
     except FemsubError as error:

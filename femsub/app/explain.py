@@ -6,25 +6,19 @@ checked when a scene is read: names that refer to others, bounds that depend on 
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
-import json
-import textwrap
-from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any
 
 from femsub.app.changes import ParameterKeys
-from femsub.app.grammar import ENDING, Settings, built_in, merged, parsed, text_of
-from femsub.app.keys import HERTZ, Key, item_kind, keys_of, kinds, type_words
+from femsub.app.grammar import ENDING, Settings, built_in, merged, text_of
 from femsub.app.kinds import FAMILIES, Kinds
 from femsub.app.methods import ReduceKeys
 from femsub.app.parts import MaterialKeys
 from femsub.checks import InputError, unknown_name
+from femsub.io import any_of, docstring_lines, first_line, listed_keys, parsed_toml, table_schema, toml_text
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
 FILE = "scene.schema.json"  # what scene files call it
-SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
 #: tables of one kind each, by what stands in brackets
 TABLES: dict[str, Any] = {"scene": Settings, "material": MaterialKeys, "parameter": ParameterKeys, "reduce": ReduceKeys}
 
@@ -43,13 +37,13 @@ def keys_text(name: str = "") -> str:
     family, _, one = name.rpartition(".")
     found = [(each, one) for each in ([family] if family else FAMILIES) if each in FAMILIES and one in known.names(each)]
     if name in TABLES:
-        return "\n".join([*_docstring(TABLES[name]), "", *_listed(TABLES[name], "")])
+        return "\n".join([*docstring_lines(TABLES[name]), "", *listed_keys(TABLES[name], "")])
     if not found:
         raise unknown_name("kind", name, [*TABLES, *(each for family in FAMILIES for each in known.names(family))])
     parts = []
     for family, one in found:
         kind = known.kind(family, one)
-        parts.append("\n".join([f"{family}: {one}", *_docstring(kind), "", *_listed(kind, "")]))
+        parts.append("\n".join([f"{family}: {one}", *docstring_lines(kind), "", *listed_keys(kind, "")]))
     return "\n\n".join(parts)
 
 
@@ -60,109 +54,10 @@ def new_text(source: str) -> str:
         return f"#:schema {FILE}\n{text_of(source)}"
     if not path.is_file():
         raise InputError(f"there is no scene file {source}")
-    table = parsed(path.read_text(encoding="utf-8"), source)
+    table = parsed_toml(path.read_text(encoding="utf-8"), source)
     if (name := table.pop("scene", None)) is not None:
-        table = merged(parsed(text_of(str(name)), str(name)), table, Kinds())
+        table = merged(parsed_toml(text_of(str(name)), str(name)), table, Kinds())
     return f"#:schema {FILE}\n" + toml_text(table)
-
-
-def first_line(kind: Any) -> str:
-    """The first sentence of a class's docstring."""
-    return inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
-
-
-def _listed(kind: Any, indent: str) -> Iterator[str]:
-    declared = {spelt(kind, name): one for name, one in keys_of(kind).items()}
-    wide = max(map(len, declared))
-    for name, one in declared.items():
-        margin = f"{indent}{'':<{wide}}  "
-        first, *more = _paragraph(_about(one, kind), margin)
-        yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.meaning, margin))
-        for table in tables_of(one):
-            yield from _listed(table, margin)
-
-
-def spelt(kind: Any, field: str) -> str:
-    """The key of a field: that of the kind itself has hyphens."""
-    own = getattr(kind, "KIND", "")
-    return own if own.replace("-", "_") == field else field
-
-
-def tables_of(one: Key) -> list[Any]:
-    """The classes of tables that a key may hold."""
-    found = []
-    for kind in kinds(one.type):
-        inner = item_kind(kind) or (get_args(kind)[1] if get_origin(kind) is dict else kind)
-        if dataclasses.is_dataclass(inner):
-            found.append(inner)
-    return found
-
-
-def _about(one: Key, owner: Any) -> str:
-    """'a number above 0 [m]; default 1.0'."""
-    words = type_words(one.type).replace("a list of", f"{one.form}," if one.form else "a list of")
-    words += f"{', numbers' if 'string' in words else ''} {one.bounds}" if one.bounds else ""
-    words += f" [{one.unit}]" if one.unit else ""
-    words += ", or \"5 kHz\" where units are given" if one.in_hertz else ""
-    words += f": {', '.join(one.choices(owner))}" if one.choices is not None else ""
-    standard = one.otherwise or ("" if one.default in (None, "", [], {}) else toml(one.default))
-    needed = "; required" if one.required else f"; required with {one.required_with}" if one.required_with else ""
-    return words + (needed or (f"; default: {standard}" if standard else ""))
-
-
-def toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        if value and not 1e-3 <= abs(value) < 1e6:
-            mantissa, exponent = f"{value:.16e}".split("e") if float(f"{value:.14e}") != value else f"{value:.14e}".split("e")
-            return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-        digits = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)  # 0.3, not 0.30000000000000004
-        return digits if "." in digits else f"{digits}.0"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(toml, value))}]"
-    if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{toml_key(key)} = {toml(item)}" for key, item in value.items()) + "}"
-    return str(value)
-
-
-def toml_key(key: str) -> str:
-    """A key, in quotes where it needs them."""
-    return key if key and all((mark.isalnum() and mark.isascii()) or mark in "_-" for mark in key) else json.dumps(key,
-                                                                                                                   ensure_ascii=False)
-
-
-def toml_text(table: Mapping[str, Any]) -> str:
-    """A scene file: keys first, then tables."""
-    return "\n".join(toml_lines(table, "")) + "\n"
-
-
-def toml_lines(table: Mapping[str, Any], header: str) -> Iterator[str]:
-    """A table as TOML: its keys, then the tables within it. Those deeper than [part.disc] stand in braces."""
-    known = {toml_key(key): value for key, value in table.items() if value is not None}
-    tables = {key: value for key, value in known.items() if header.count(".") < 2 and (isinstance(value, Mapping) or (
-        not header and isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value)))}
-    yield from (f"{key} = {toml(value)}" for key, value in known.items() if key not in tables)
-    for key, value in tables.items():
-        for item in value if isinstance(value, list) else [value]:
-            bare = isinstance(item, Mapping) and not header and key in (*FAMILIES, "material",
-                                                                        "parameter") and not isinstance(value, list)
-            if not bare:
-                yield f"\n{'[[' if isinstance(value, list) else '['}{header}{key}{']]' if isinstance(value, list) else ']'}"
-            yield from toml_lines(item, f"{header}{key}." if bare else f"{header}{key}..")
-
-
-def _docstring(kind: Any, indent: str = "") -> list[str]:
-    """A class's docstring, wrapped anew."""
-    parts = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
-    return [line for part in parts for line in _paragraph(part, indent)]
-
-
-def _paragraph(text: str, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, width=80, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
 
 
 def schema() -> dict[str, Any]:
@@ -173,14 +68,14 @@ def schema() -> dict[str, Any]:
     known, strict, whole = Kinds(), dict[str, Any](), dict[str, Any]()
     properties: dict[str, Any] = {"scene": {"enum": list(built_in()),
                                             "description": "a built-in scene that this one begins with"}}
-    properties |= _table(Settings)["properties"]
+    properties |= table_schema(Settings)["properties"]
     for name in ("material", "parameter"):
-        properties[name] = {"type": "object", "additionalProperties": _table(TABLES[name]),
+        properties[name] = {"type": "object", "additionalProperties": table_schema(TABLES[name]),
                             "description": first_line(TABLES[name])}
-    properties["reduce"] = _table(ReduceKeys)
+    properties["reduce"] = table_schema(ReduceKeys)
     for family in FAMILIES:
         names = known.names(family)
-        shapes = [_table(known.kind(family, name)) for name in names]
+        shapes = [table_schema(known.kind(family, name)) for name in names]
         every: dict[str, Any] = {}
         values: dict[str, list[Any]] = {}
         for made in shapes:  # editors do not look for completions behind an `if`
@@ -188,7 +83,8 @@ def schema() -> dict[str, Any]:
                 every.setdefault(key, {"description": one.get("description", "")})
                 value = {word: what for word, what in one.items() if word not in ("description", "default")}
                 values.setdefault(key, []).extend([value] * (value not in values.get(key, [])))
-        one_at_least = {"properties": {key: _any(ways) for key, ways in values.items()}, "propertyNames": {"enum": list(values)}}
+        one_at_least = {"properties": {key: any_of(ways) for key, ways in values.items()},
+                        "propertyNames": {"enum": list(values)}}
         strict[family] = {"additionalProperties": one_at_least, "items": one_at_least}
         needed = [{"if": {"required": [name]}, "then": {"required": made.pop("required", [])}} for name, made in zip(
             names, shapes, strict=True) if family != "ask"]  # of a scene that begins with another one they may stand there
@@ -202,64 +98,3 @@ def schema() -> dict[str, Any]:
             "additionalProperties": False, "if": {"required": ["use"]}, "else": {"properties": strict},
             "anyOf": [{"required": ["scene"]}, {"properties": whole}],
             "description": "A model, and the analyses to run. `femsub keys` explains the tables and their keys."}
-
-
-def _table(kind: Any) -> dict[str, Any]:
-    """The schema of a table of keys."""
-    properties: dict[str, Any] = {}
-    together: dict[str, list[str]] = {}
-    declared = keys_of(kind)
-    for field, one in declared.items():
-        name = spelt(kind, field)
-        about = ", ".join(part for part in (one.unit, one.otherwise and f"default: {one.otherwise}") if part)
-        properties[name] = {"description": one.meaning + (f" ({about})" if about else ""), **_any(_ways(one, one.type, kind))}
-        if one.default not in (None, "", [], {}) and not one.otherwise and not one.required:
-            properties[name]["default"] = one.default
-        if one.required_with:
-            together.setdefault(one.required_with, []).append(name)
-    made: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False}
-    if needed := [spelt(kind, name) for name, one in declared.items() if one.required]:
-        made["required"] = needed
-    return made | ({"dependencies": together} if together else {})
-
-
-def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
-    """What a value may be, each way of writing it."""
-    ways: list[dict[str, Any]] = []
-    for way in kinds(declared):
-        inner = item_kind(way)
-        if way is Any:
-            ways.append({})
-        elif dataclasses.is_dataclass(way):
-            ways.append(_table(way))
-        elif get_origin(way) is dict:
-            ways.append({"type": "object", "additionalProperties": _any(_ways(one, get_args(way)[1], owner))})
-        elif inner is not None:
-            single = _ways(one, inner, owner)
-            if one.in_hertz:
-                single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
-            length = one.length
-            ways.append({"type": "array", "items": _any(single), "minItems": length or 1} | (
-                {"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.distinct else {}))
-            if length is None and item_kind(inner) is None:
-                bare = [{"not": {"type": "array"}}] if single == [{}] else single
-                ways += [way for way in bare if way not in ways]  # one value does for a list of one
-        else:
-            ways.append(_value(way, one, owner))
-    return ways
-
-
-def _value(kind: Any, one: Key, owner: Any) -> dict[str, Any]:
-    made: dict[str, Any] = {"type": SIMPLE[kind]}
-    if kind in (int, float):
-        bounds = {"minimum": one.least, "maximum": one.most, "exclusiveMinimum": one.above, "exclusiveMaximum": one.below}
-        made |= {word: bound for word, bound in bounds.items() if bound is not None}
-    if kind is str and one.choices is not None:
-        made["enum"] = list(one.choices(owner))
-    elif kind is str and (one.required or one.required_with):
-        made["minLength"] = 1
-    return made
-
-
-def _any(ways: list[dict[str, Any]]) -> dict[str, Any]:
-    return ways[0] if len(ways) == 1 else {"anyOf": ways}

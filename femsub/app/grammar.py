@@ -16,11 +16,12 @@ its values as a whole, and so does a list of asks.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from types import ModuleType, NoneType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -29,15 +30,14 @@ from femsub.app.asks import Ask
 from femsub.app.changes import ParameterKeys
 from femsub.app.contacts import ContactKind
 from femsub.app.ends import GROUND, End, LinkKind
-from femsub.app.faults import Faults
 from femsub.app.inputs import inputs_of
 from femsub.app.joints import JointKind
-from femsub.app.keys import key, keys_of, made
-from femsub.app.kinds import FAMILIES, Kinds, is_beside, kinds_file
+from femsub.app.kinds import FAMILIES, Kinds, is_beside, key, kinds_file
 from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
-from femsub.checks import InputError, mapping, path_of, unknown_name, word
+from femsub.checks import InputError, instance, mapping, path_of, unknown_name, word
+from femsub.io import Faults, keys_of, parsed_toml, read_table, spelt
 from femsub.output import SYSTEMS, Units
 
 if TYPE_CHECKING:
@@ -50,8 +50,7 @@ ENDING = ".toml"
 LONGEST_NAME = 100
 #: entries of results.json that are no ask's
 RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs",
-            "failed",
-            "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
+            "failed", "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
 
 
 @dataclass(frozen=True)
@@ -110,22 +109,6 @@ def file_word(name: Any) -> str:
     if len(word("it", name)) > LONGEST_NAME or set(name) & set("/\\"):
         raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
     return str(name)
-
-
-def parsed(text: str, source: str) -> dict[str, Any]:
-    """A TOML file.
-
-    Raises
-    ------
-    InputError
-        It is none.
-    """
-    try:
-        return tomllib.loads(text)
-    except ValueError as error:  # text that is no TOML or no UTF-8, a number of more than 4,300 digits
-        raise InputError(f"{source} is not a TOML file: {error}") from None
-    except RecursionError:
-        raise InputError(f"{source} is no scene file: its brackets are nested too deeply") from None
 
 
 def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> dict[str, Any]:
@@ -193,12 +176,10 @@ class Scene:
     Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
 
-    def __init__(self, table: Mapping[str, Any], folder: str | Path = ".") -> None:
-        self._read_all(mapping("table", table, "the tables of a scene file"), path_of("folder", folder), SceneSource())
-
-    def _read_all(self, table: Mapping[str, Any], folder: Path, source: SceneSource) -> None:
-        """Reads and checks all tables."""
-        self.folder, self.source, self.variant = folder, source, source.variant
+    def __init__(self, table: Mapping[str, Any], folder: str | Path = ".", source: SceneSource | None = None) -> None:
+        table = mapping("table", table, "the tables of a scene file")
+        source = SceneSource() if source is None else instance("source", source, SceneSource, "which a file's scene has")
+        self.folder, self.source, self.variant = path_of("folder", folder), source, source.variant
         self.store: dict[Any, Any] = source.store if source.variant else {}
         self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
         faults = Faults("" if source.variant else source.name, source.text)
@@ -210,8 +191,8 @@ class Scene:
         if (name := table.get("scene")) is not None:
             with faults.at(("scene",)):
                 known_as = word("it", name)
-                table = merged(parsed(text_of(known_as), name), {key: value for key, value in table.items() if key != "scene"},
-                               self.kinds)
+                below = parsed_toml(text_of(known_as), name)
+                table = merged(below, {key: value for key, value in table.items() if key != "scene"}, self.kinds)
             faults.check()
         self.table = dict(table)
         self._read(faults, known_as or "scene")
@@ -233,22 +214,16 @@ class Scene:
             return cls({"scene": name})
         if path.suffix == ".json":
             table, folder = inputs_of(path)
-            return cls._from(table, folder, SceneSource(name, "", tuple(trusted), False))
+            return cls(table, folder, SceneSource(name, "", tuple(trusted), False))
         try:
             text = path.read_text(encoding="utf-8")
         except (OSError, ValueError) as error:
             raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
-        table = parsed(text, name)
+        table = parsed_toml(text, name)
         if not table:
             raise InputError(f"{name} is empty, or has comments only. Begin it with a part, or with scene = \"chain\" or another "
                              "name of `femsub scenes`")
-        return cls._from(table, path.parent, SceneSource(name, text, tuple(trusted), False))
-
-    @classmethod
-    def _from(cls, table: Mapping[str, Any], folder: Path, source: SceneSource) -> Self:
-        made = cls.__new__(cls)
-        made._read_all(table, folder, source)
-        return made
+        return cls(table, path.parent, SceneSource(name, text, tuple(trusted), False))
 
     def _read(self, faults: Faults, known_as: str) -> None:
         """Makes all tables into their classes; what cannot be one is noted and left out."""
@@ -259,11 +234,11 @@ class Scene:
             faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
                                              ["scene", *keys_of(Settings), "reduce", *families, *FAMILIES]))
         above = {name: value for name, value in above.items() if name in keys_of(Settings)}
-        settings = made(Settings, above, (), faults) or Settings()
+        settings = read_table(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
         if not hertz:  # frequencies again, now that no unit is known
-            made(Settings, above, (), faults, False)
+            read_table(Settings, above, (), faults, False)
         self.settings, self.figures, self.paged = settings, settings.figures, settings.page
         with faults.at(("name",)):
             self.name = file_word(settings.name) or known_as
@@ -277,7 +252,7 @@ class Scene:
                     kind = None
                     with faults.at(place):
                         kind = self.kinds.of(family, one)
-                if kind is not None and (item := made(kind, one, place, faults, hertz)) is not None:
+                if kind is not None and (item := read_table(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
@@ -294,7 +269,7 @@ class Scene:
         given = table.get("reduce")
         if not isinstance(given, (Mapping, NoneType)):
             faults.add(("reduce",), "it must be a table, [reduce]")
-        self.reduce: ReduceKeys = (isinstance(given, Mapping) and made(ReduceKeys, given, ("reduce",), faults,
+        self.reduce: ReduceKeys = (isinstance(given, Mapping) and read_table(ReduceKeys, given, ("reduce",), faults,
                                                                        hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # which may have faults of their own
@@ -332,11 +307,6 @@ class Scene:
         return found
 
     # meshes, and what joints and contacts need of parts
-
-    @property
-    def links(self) -> list[LinkKind]:
-        """All joints and contacts."""
-        return [*self.joints.values(), *self.contacts.values()]
 
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
@@ -387,7 +357,7 @@ class Scene:
         """Where a part is made, with the interface and the ports that joints and contacts need of it."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
-        for joint in self.links:
+        for joint in (*self.joints.values(), *self.contacts.values()):
             ports |= (own := joint.ports().get(name, {}))
             for at, words in enumerate(joint.surfaces if not own else ()):
                 end = End.of(words)
@@ -407,7 +377,7 @@ class Scene:
 
     def varied(self, changes: Mapping[str, Any]) -> Scene:
         """The scene with other values at 'part.chain.belt' and the like."""
-        table = copied(self.table)
+        table = deepcopy(self.table)
         for path, value in changes.items():
             *above, last = path.split(".")
             here = table
@@ -423,7 +393,7 @@ class Scene:
             if not isinstance(here, dict):
                 raise InputError(f"{path!r} is no key: {'.'.join(above)} is no table")
             here[last] = value
-        made = Scene._from(table | {"name": self.name}, self.folder, self.source._replace(text="", store=self.store,
+        made = Scene(table | {"name": self.name}, self.folder, self.source._replace(text="", store=self.store,
                                                                                           variant=True))
         made.figures = self.figures
         return made
@@ -447,27 +417,19 @@ class Scene:
         """The values of a scene's table that name files: the table or list in which each stands, and its key or place there."""
         def within(kind: Any, table: Any) -> Iterator[tuple[Any, Any]]:
             for name, one in keys_of(kind).items():
-                at = kind.KIND if getattr(kind, "KIND", "").replace("-", "_") == name else name
+                at = spelt(kind, name)
                 value = table.get(at)
                 if one.file and isinstance(value, str) and value:
                     yield table, at
                 elif one.file and isinstance(value, list):
                     yield from ((value, i) for i, item in enumerate(value) if isinstance(item, str))
-                if one.table is not None and isinstance(value, (dict, list)):
-                    for item in value if isinstance(value, list) else [value]:
-                        if isinstance(item, dict):
-                            yield from within(one.table, item)
+                items = value if isinstance(value, list) else [value]
+                for table_kind, item in product(one.tables, items):
+                    if isinstance(item, dict):
+                        yield from within(table_kind, item)
 
         yield from within(Settings, table)
         for family in FAMILIES:
             several = table.get(family, {})
             for one in several if isinstance(several, list) else several.values():
                 yield from within(self.kinds.of(family, one), one)
-
-
-def copied(value: Any) -> Any:
-    """A table with tables and lists of its own."""
-    if isinstance(value, Mapping):
-        return {key: copied(item) for key, item in value.items()}
-    return [copied(item) for item in value] if isinstance(value, list) else value
-

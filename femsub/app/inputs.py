@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from femsub import __version__
 from femsub.checks import FemsubWarning, InputError, hash_of, warn
-from femsub.io import HASHES, content_sum, newest
-
-RESULTS = "results.json"
-#: keys of a results.json that femsub reads, whatever the scene
-SHAPE = {"scene": str, "inputs": dict, "files": list, "versions": dict, "machine": dict, "written": list, "sha256": dict,
-         "warnings": list, "failed": dict, "date": str}
+from femsub.io import newest, results_of
 
 
 def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
@@ -49,33 +43,6 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     if (then := known["versions"].get("femsub")) != __version__:
         warn(f"{path} was written by femsub {then}, and this is {__version__}: figures may differ", FemsubWarning)
     return keys, path.parent
-
-
-def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
-    """What a results.json holds, with every key of `SHAPE`; None if it is no such file.
-
-    `compared`: warns of another content than femsub wrote. Files of older versions have no sum of their own.
-    """
-    if not path.is_file():
-        return None
-    try:
-        known = json.loads(path.read_text(encoding="utf-8"))
-        json.dumps(known, ensure_ascii=False).encode()  # half a character cannot be printed
-    except (ValueError, RecursionError):
-        return None
-    if not isinstance(known, dict) or "scene" not in known:
-        return None
-    said = known
-    known = {key: kind() for key, kind in SHAPE.items()} | known
-    fit = all(isinstance(known[key], kind) for key, kind in SHAPE.items()) and all(
-        isinstance(item, dict) and all(isinstance(item.get(key), str) for key in ("path", "sha256")) for item in known["files"])
-    if not fit or not isinstance(known["inputs"].get("units", ""), (str, dict)) or not isinstance(known["inputs"].get("use", []),
-                                                                                                  list):
-        return None
-    if compared and (own := known[HASHES].get(RESULTS)) is not None and own != content_sum(RESULTS, said):
-        warn(f"{path} has another content than femsub wrote, by its own sum: it is damaged, or somebody changed it. If you did, "
-             f"take {RESULTS!r} out of its {HASHES!r}", FemsubWarning)
-    return known
 
 
 def _table(value: Any, file: str = "", name: str = "") -> Any:

@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any, ClassVar
 
 from femsub.checks import FemsubError, InputError, resolved, unknown_name
+from femsub.io import key as key
 
 FAMILIES = ("part", "joint", "contact", "ask")
 

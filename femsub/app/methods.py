@@ -2,28 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from femsub import reduction
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.checks import InputError, unknown_name
 
-#: of the literature, and of Python's MacNeal
-SHORT_NAMES = {"hcb": "craig-bampton", "cc": "craig-chang", "dcb": "dual-craig-bampton", "mac-neal": "macneal"}
 WHOLE = ("contact-modes", "real-modes", "box")  # of the joined model
 FULL = "full"  # a part that stays as it is
 DEFAULT = ("craig-bampton", "craig-chang")
-
-
-def known(name: str) -> str:
-    """'craig-bampton' for CraigBampton and HCB, which are the method's names elsewhere."""
-    if name in reduction.METHODS:
-        return name
-    plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower()
-    return SHORT_NAMES.get(plain, plain)
 
 
 def checked(entry: Any) -> Any:
@@ -35,7 +24,7 @@ def checked(entry: Any) -> Any:
         No such method; a table or a list in which there is none.
     """
     if isinstance(entry, str):
-        name = known(entry)
+        name = reduction.method_key(entry)
         if name not in (*reduction.METHODS, *WHOLE, FULL):
             raise unknown_name("method", entry, (*reduction.METHODS, *WHOLE, FULL))
         return name

@@ -15,17 +15,13 @@ import femsub as fs
 from femsub.app.ends import GROUND, End, LinkKind
 from femsub.app.methods import FULL
 from femsub.checks import Array, InputError, PortWarning
-from femsub.components import joined_mesh, node_rows
 from femsub.model import MOTIONS, contacts_at, family_of
-from femsub.modes import beside_the_full
-from femsub.reduction import METHODS, Method, in_words, key_of, reduced_by
+from femsub.reduction import in_words, key_of, reduced_by
 from femsub.stability import pencil_over, with_value
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
-RIGID = len(MOTIONS)  # rigid motions that a part has at most
-BESIDE = 0.02  # relative distance of the end of the band's default from the modes below and above it
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +104,7 @@ class Models:
         for name, contact in scene.contacts.items():
             if contact.surfaces:
                 with scene.faults.at(scene.place("contact", name)):
-                    surfaces.append(self._contact(contact, {}, meshes))
+                    surfaces.append(self._contact(contact, meshes))
         scene.faults.check()
         with scene.faults.at(("interface",)):
             open_ends = [self._end(end, 0, LinkKind(), parts) for end in scene.settings.interface]
@@ -174,7 +170,7 @@ class Models:
 
     # contacts
 
-    def _contact(self, contact: Any, values: Mapping[str, float], meshes: Mapping[str, fs.Mesh]) -> Any:
+    def _contact(self, contact: Any, meshes: Mapping[str, fs.Mesh]) -> Any:
         surfaces = list(contact.surfaces)
         if contact.facing:
             surfaces[1] = ".".join(self.scene.facing(contact).second)
@@ -186,7 +182,7 @@ class Models:
         found = []
         for name, one in self.scene.contacts.items():
             with self.scene.faults.at(self.scene.place("contact", name)):
-                found.append(self._contact(one, {}, self.meshes))
+                found.append(self._contact(one, self.meshes))
         self.scene.faults.check()
         for name, given in self.scene.parameters.items():  # a value in [parameter.NAME] holds for all contacts that have it
             if given.value is not None and not given.acts and any(hasattr(contact, name) for contact in found):
@@ -218,7 +214,8 @@ class Models:
         """The lowest normal modes of the full model: those of the default band, and what is rigid."""
         def modes() -> fs.NormalModes:
             self.say("normal modes")
-            return fs.normal_modes(self.full, count=max(1, min(RIGID + self.scene.settings.elastic, self.full.size - RIGID)))
+            rigid = len(MOTIONS)  # at most
+            return fs.normal_modes(self.full, count=max(1, min(rigid + self.scene.settings.elastic, self.full.size - rigid)))
 
         return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
 
@@ -233,11 +230,7 @@ class Models:
         """The band of the scene, or from 0 to beyond its lowest elastic modes."""
         if self.given_band is not None:
             return self.given_band
-        omega = self.normal.frequencies[self.normal.rigid:]
-        last = min(self.scene.settings.elastic, len(omega)) - 1
-        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * BESIDE) * omega[last]:
-            last += 1
-        return 0.0, float((1 + BESIDE) * omega[last])
+        return self.normal.elastic_band(self.scene.settings.elastic)
 
     def band_of(self, given: Sequence[float]) -> tuple[float, float]:
         """That of an ask, or of the scene."""
@@ -287,17 +280,13 @@ class Models:
             return fs.ParameterBox(ranges, band=self.band, tol=self.scene.reduce.tolerance)
         if isinstance(entry, str) and self.alone:
             if sized:
-                if count > full.size:
-                    raise InputError(f"sizes: {count} are more than the {full.size} DOF of {full.name!r}")
-                count -= METHODS[entry](0).static_columns(full)
-                if count < 0:
-                    return None
-            elif count > full.size:
+                return fs.reduction.of_size(entry, full, count)
+            if count > full.size:
                 raise InputError(f"modes: {count} are more than the {full.size} DOF of {full.name!r}")
-            return METHODS[entry](count)
+            return fs.reduction.METHODS[entry](count)
         if self.alone:
             raise InputError("a method for each part needs several parts; give its name alone")
-        mapping: dict[str, Method] = {}
+        mapping: dict[str, Any] = {}
         for part, sub in full.parts.items():
             own = entry if isinstance(entry, str) else entry.get(part, FULL)
             modes = count
@@ -305,13 +294,8 @@ class Models:
                 given = own.get("modes", [])
                 modes = given[min(row, len(given) - 1)] if given else count
                 own = own["method"]
-            if own == FULL:
-                continue
-            kind, room = METHODS[own], len(sub.interior)
-            if not kind.held:  # of a free part; its rigid motions are counted only where so many modes are asked for
-                many = modes > sub.size - RIGID
-                room = sub.size - (fs.normal_modes(sub, count=min(1, sub.size)).rigid if many else RIGID)
-            mapping[part] = kind(min(modes, max(room, 0)))
+            if own != FULL:
+                mapping[part] = fs.reduction.with_room(own, sub, modes)
         return mapping
 
     def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
@@ -330,7 +314,8 @@ class Models:
                         model = fs.reduce(family, step, contacts=contacts)
                         continue
                     model = reduced_by(model, [step], self.linear, self.scene.reduce.ports, self.scene.reduce.workers or None)
-            return Known(key, count if key not in METHODS or not hasattr(model, "modes") else model.modes, model, before, steps)
+            kept = getattr(model, "modes", count) if key in fs.reduction.METHODS else count
+            return Known(key, kept, model, before, steps)
 
         place = "reduced", self._key, repr(steps), self.scene.reduce.ports, repr(self.linear) if any(
             isinstance(one, fs.ContactModes) for one in steps) else ""
@@ -388,7 +373,7 @@ class Models:
             if known is self.exact or band is None:
                 self.say(f"complex modes of {known.model.size} DOF")
                 return fs.complex_modes(known.model, self.at(given), band=band, evidence=evidence)
-            return beside_the_full(known.model, self.at(given), band=band)
+            return fs.modes.beside_the_full(known.model, self.at(given), band=band)
 
         at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
         return self.kept(at if evidence is None or at in self.scene.store else ("uncounted", *at), modes)
@@ -446,7 +431,7 @@ class Models:
         for kind_of in dict.fromkeys(self.meshes[name].kind for name in fields):
             names = [name for name in fields if self.meshes[name].kind == kind_of]
             shapes = np.concatenate([fields[name] for name in names]) / np.where(largest > 0, largest, 1.0)
-            drawn[kind_of] = joined_mesh([self.meshes[name] for name in names]), shapes
+            drawn[kind_of] = fs.components.joined_mesh([self.meshes[name] for name in names]), shapes
         return drawn
 
     @property
@@ -467,7 +452,7 @@ class Models:
             for key, rows in (("contact", np.concatenate(ports) if ports else np.zeros(0, int)),
                               ("interface", self.full.interface)):
                 nodes = np.unique(dofs.nodes[rows])
-                found[key].append(node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
+                found[key].append(fs.components.node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
         return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}
 
 

@@ -13,8 +13,8 @@ from femsub.app.ends import GROUND, End
 from femsub.checks import InputError, unknown_name
 
 if TYPE_CHECKING:
-    from femsub.app.faults import Faults
     from femsub.app.grammar import Scene
+    from femsub.io import Faults
 
 
 def check_names(scene: Scene, faults: Faults) -> None:

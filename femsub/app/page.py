@@ -6,11 +6,9 @@ import io
 from contextlib import nullcontext
 from pathlib import Path
 
-from femsub.app.explain import toml_text
-from femsub.app.inputs import RESULTS, results_of
-from femsub.app.moving import read_mode
 from femsub.app.report import output_folder, put
 from femsub.checks import FemsubError, InputError, unlike, warn
+from femsub.io import RESULTS, read_mode, results_of, toml_text
 from femsub.output import MODE_FILE, check_plotly, write_page
 
 PAGE_FILE = "report.html"

@@ -6,18 +6,18 @@ import io
 import json
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from femsub.app.grammar import Scene, copied
-from femsub.app.inputs import RESULTS, results_of
+from femsub.app.grammar import Scene
 from femsub.app.report import run_on, write
 from femsub.app.result import Progress, Result
 from femsub.checks import FemsubWarning, InputError, first_few, hash_of, installed_by, is_there, resolved, warn
-from femsub.io import Writer, remove, texts_read
+from femsub.io import RESULTS, Writer, remove, results_of, texts_read
 from femsub.output import to_json
 
 OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
@@ -52,7 +52,7 @@ class Record:
                 raise InputError(f"the output folder {folder} holds the results of another scene, {known['scene']!r} "
                                  f"({first_few(others)}); choose another folder for --out, or delete them")
             self.last = {name: known["sha256"].get(name) for name in known["written"] if isinstance(name, str)}
-        self.inputs, self.files = copied(scene.table), list[dict[str, Any]]()
+        self.inputs, self.files = deepcopy(scene.table), list[dict[str, Any]]()
         for table, name in scene.file_places(self.inputs):
             path, matrix = scene.folder / table[name], ""
             if not path.is_file() and ":" in path.name:  # 'model.mat:K' names the matrix K in a file
@@ -108,9 +108,8 @@ class Record:
 
 def _page(result: Result) -> dict[str, Writer]:
     """The page of a run: of what is in its results.json, and of the mode's file, if the scene has made one."""
-    from femsub.app.explain import toml_text
-    from femsub.app.moving import read_mode
     from femsub.app.page import PAGE_FILE
+    from femsub.io import read_mode, toml_text
     from femsub.output import MODE_FILE, write_page
 
     def page(file: BinaryIO) -> None:

@@ -3,12 +3,13 @@ from .build import not_negative as not_negative, pair as pair, proportional as p
 from .facing import Facing as Facing, covered as covered, warn_of_uncovered as warn_of_uncovered
 from .fields import (
     joined_mesh as joined_mesh,
+    joined_parts as joined_parts,
     joined_shapes as joined_shapes,
     moved_fields as moved_fields,
     node_rows as node_rows,
     turned as turned,
 )
-from .grids import annulus as annulus, ring as ring
+from .grids import annulus as annulus, line as line, mounted_disc as mounted_disc, ring as ring
 from .mesh import (
     CELLS as CELLS,
     Mesh as Mesh,

@@ -109,6 +109,14 @@ def joined_mesh(meshes: Sequence[Mesh], groups: Mapping[str, Array] | None = Non
                 groups=groups or {})
 
 
+def joined_parts(meshes: Mapping[str, Mesh]) -> tuple[Mesh, Array]:
+    """Meshes of parts of one kind as one, whose groups are the parts, and the number of each node's part, from 1."""
+    ends = np.cumsum([len(mesh.cells) for mesh in meshes.values()])
+    groups = {name: np.arange(end - len(mesh.cells), end) for (name, mesh), end in zip(meshes.items(), ends, strict=True)}
+    numbers = np.repeat(np.arange(1.0, len(meshes) + 1), [len(mesh.points) for mesh in meshes.values()])
+    return joined_mesh(list(meshes.values()), groups), numbers
+
+
 def turned(fields: Array) -> Array:
     """Complex shapes (nodes, 3, k), each at the phase in which the place that moves most is at its largest."""
     if not np.iscomplexobj(fields):

@@ -177,3 +177,25 @@ def _counts(values: Sequence[int], size: int) -> Array:
     # 20 node numbers for each cell (8 and their sorted copies), 3 coordinates, and six copies while they are made
     check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", 23 * 8 * 6.0 * math.prod(checked))
     return np.array(checked)
+
+
+def line(places: Array, name: str = "line") -> Mesh:
+    """A mesh of 'line' cells along x, from each place to the next."""
+    nodes = np.arange(len(places))
+    return Mesh(np.asarray(places, dtype=float)[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=name)
+
+
+def mounted_disc(inner: float, outer: float, thickness: float, counts: Sequence[int], kind: str, name: str) -> Mesh:
+    """An `annulus` with the sets contact, cells on top next to the outer rim at angle 0, and mounts.
+
+    The contact is two cells around. Mounts are three nodes of the lower edge of the outer rim, 120° apart.
+    """
+    mesh = annulus(inner, outer, thickness, counts, kind, name=name)
+    radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
+    width, sector = (outer - inner) / counts[0], 2 * np.pi / counts[1]
+    top = mesh.sets["top"]
+    patch = top[(radius[top] > outer - 1.01 * width) & (np.abs(angle[top]) < 1.01 * sector)]
+    edge = np.intersect1d(mesh.sets["outer"], mesh.sets["bottom"])
+    around = np.exp(1j * angle[edge])
+    mounts = [edge[np.argmin(np.abs(around - np.exp(2j * np.pi * place)))] for place in (1 / 6, 1 / 2, 5 / 6)]
+    return mesh.with_sets(contact=patch, mounts=mounts)

@@ -10,7 +10,34 @@ from .atomic import (
     write_whole as write_whole,
 )
 from .component_files import read_aligned as read_aligned
+from .declared import (
+    Key as Key,
+    alternatives as alternatives,
+    check_value as check_value,
+    item_type as item_type,
+    key as key,
+    keys_of as keys_of,
+    read_table as read_table,
+    type_words as type_words,
+)
+from .described import (
+    any_of as any_of,
+    docstring_lines as docstring_lines,
+    first_line as first_line,
+    listed_keys as listed_keys,
+    spelt as spelt,
+    table_schema as table_schema,
+)
+from .faults import Faults as Faults, Place as Place
 from .matrix_files import read_arrays as read_arrays
-from .mesh_files import mesh_bytes as mesh_bytes, read_mesh as read_mesh, series_bytes as series_bytes
+from .mesh_files import mesh_bytes as mesh_bytes, mesh_writer as mesh_writer, read_mesh as read_mesh, series_bytes as series_bytes
 from .mesh_text import including as including, texts_read as texts_read
+from .mode_files import (
+    mode_file as mode_file,
+    motion_files as motion_files,
+    moving as moving,
+    read_mode as read_mode,
+)
 from .model_folder import FORMATS as FORMATS, model_files as model_files
+from .results_file import RESULTS as RESULTS, results_of as results_of
+from .toml_files import line_numbers as line_numbers, parsed_toml as parsed_toml, toml as toml, toml_text as toml_text

@@ -14,7 +14,7 @@ import numpy as np
 
 from femsub.checks import Array, InputError, as_word, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
-from femsub.io.atomic import scratch, write_whole
+from femsub.io.atomic import Writer, scratch, write_whole
 from femsub.io.cdb import read_cdb
 from femsub.io.damage import head_of, unreadable_refused
 from femsub.io.foreign_meshes import quietly, read_foreign, read_tetgen
@@ -324,6 +324,11 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
     except OSError as error:
         raise InputError(f"the mesh file {place} cannot be written: {error.strerror or error}") from None
     return place
+
+
+def mesh_writer(mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Writer:
+    """What writes a mesh with fields on it as VTU into an open file."""
+    return lambda file: file.write(mesh_bytes(mesh, shapes))
 
 
 def series_bytes(times: Mapping[str, float]) -> bytes:

@@ -41,6 +41,12 @@ from .contact import (
 from .digits import by_diagonal as by_diagonal, over_diagonal as over_diagonal, rounding_of as rounding_of
 from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap
 from .estimate import SHARE as SHARE, Estimate as Estimate
+from .expressions import (
+    Expression as Expression,
+    Factor as Factor,
+    affine_of as affine_of,
+    check_range as check_range,
+)
 from .families import (
     COLUMNS_ALONE as COLUMNS_ALONE,
     DUST as DUST,

@@ -48,6 +48,7 @@ from .quadratic.energy_basis import (
 )
 from .quadratic.matching import (
     NEAR as NEAR,
+    angle_between as angle_between,
     assigned as assigned,
     clusters as clusters,
     extra_eigenvalues as extra_eigenvalues,
@@ -59,6 +60,7 @@ from .quadratic.matching import (
     listed as listed,
     match as match,
     relative_error as relative_error,
+    rows_beside as rows_beside,
     spectrum_errors as spectrum_errors,
     turnover as turnover,
     undamped as undamped,

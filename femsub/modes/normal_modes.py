@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from math import isclose
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -154,10 +154,29 @@ class NormalModes(Shaped):
         """ω / 2π, shape (k,); Hz where the unit of time is the second."""
         return self.frequencies / (2 * np.pi)
 
+    @property
+    def count_words(self) -> str:
+        """Where their number is known from, in words."""
+        limit, count = self.counted
+        words = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
+        return words + f", {self.unlisted} of them outside the band" * bool(self.unlisted)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each mode."""
+        return [{"mode": i, "omega": float(omega), "rigid": i <= self.rigid, "residual": float(residual)}
+                for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
+
+    def elastic_band(self, count: int, beside: float = 0.02) -> tuple[float, float]:
+        """From 0 to `beside` beyond so many elastic modes, and beyond those so close above them that the end would part them."""
+        omega = self.frequencies[self.rigid:]
+        last = min(count, len(omega)) - 1
+        while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * beside) * omega[last]:
+            last += 1
+        return 0.0, float((1 + beside) * omega[last])
+
     def tables(self) -> list[Table]:
         """A row for each mode."""
-        rows = [{"mode": i, "omega": float(omega), "rigid": i <= self.rigid, "residual": float(residual)}
-                for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
+        rows = self.rows()
         return [Table("modes", rows, ["mode", "omega", "residual"], "Normal modes")] if rows else []
 
     def chart(self, title: str = "Normal modes") -> Chart:

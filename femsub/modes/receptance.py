@@ -20,6 +20,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -122,6 +123,26 @@ class FrequencyResponse(Frozen, Displayed):
                 for j, load in enumerate(self.loads) for i, response in enumerate(self.responses)
                 for omega, h, bound in zip(self.omega, self.receptance[:, i, j], self.bound[:, i, j], strict=True)]
         return [Table("response", rows, title="Receptances")] if rows else []
+
+    def curves(self, full: FrequencyResponse | None = None) -> list[dict[str, Any]]:
+        """Of each response to each load: frequencies, size, phase in degrees; with `full` the `error` over the size there."""
+        bound = None if full is None else self.error(full)
+        found = []
+        for j, i in product(range(len(self.loads)), range(len(self.responses))):
+            h = self.receptance[:, i, j]
+            found.append({"omega": self.omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h))})
+            if full is not None and bound is not None:
+                found[-1]["error"] = bound[:, i, j] / np.abs(full.receptance[:, i, j])
+        return found
+
+    def errors(self, full: FrequencyResponse) -> list[dict[str, Any]]:
+        """Of each response to each load: the largest bound of the error over the largest size, where, and over the size there."""
+        rows, bound = [], self.error(full)
+        for j, i in product(range(len(self.loads)), range(len(self.responses))):
+            size, error = np.abs(full.receptance[:, i, j]), bound[:, i, j]
+            rows.append({"error": float(error.max() / size.max()), "omega": float(self.omega[int(error.argmax())]),
+                         "error_local": float((error / size).max()), "evidence": self.evidence})
+        return rows
 
     def chart(self, title: str = "Receptance", most: int = 8) -> Chart:
         """|h| and its phase over ω, dotted within the bounds of the error where these are seen, of `most` pairs at most."""

@@ -6,10 +6,21 @@ from .charts import (
     spectra_chart as spectra_chart,
     spectrogram_chart as spectrogram_chart,
 )
+from .compared import growth_in_time as growth_in_time, motion_row as motion_row, spectrograms as spectrograms
 from .cycles.branch_chart import bifurcation_chart as bifurcation_chart
 from .cycles.compared import cycles_verdict as cycles_verdict
 from .cycles.continuation import PARAMETERS as PARAMETERS, with_parameter as with_parameter
-from .cycles.initial_guess import of_signal as of_signal, onsets as onsets
+from .cycles.families import (
+    along as along,
+    family_branches as family_branches,
+    family_cycles as family_cycles,
+    in_turn as in_turn,
+    settled as settled,
+    settled_over as settled_over,
+    small as small,
+)
+from .cycles.hopf import range_around as range_around
+from .cycles.initial_guess import onsets as onsets
 from .nonlinear_model import project as project, sliding as sliding
 from .self_excitation import table_rows as table_rows
-from .signals import Spectrum as Spectrum
+from .signals import Spectrum as Spectrum, period_near as period_near

@@ -141,6 +141,12 @@ class Transient(Displayed):
                 f"{self.effort.method} at tol = {self.effort.tol:g}, {self.effort.steps} steps, {self.effort.seconds:.2g} s; "
                 f"{wrong}energy balance to {self.energy.residual:.0e}")
 
+    def whole(self) -> Transient:
+        """Itself; if it was interrupted, the interruption goes on to the caller as KeyboardInterrupt."""
+        if not self.complete:
+            raise KeyboardInterrupt
+        return self
+
     @property
     def step(self) -> float:
         """The step of the grid."""

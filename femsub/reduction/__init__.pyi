@@ -12,6 +12,8 @@ from .given_model import (
     dense as dense,
     off_diagonal as off_diagonal,
 )
+from .named import method_key as method_key, of_size as of_size, with_room as with_room
+from .on_springs import errors_on_springs as errors_on_springs, interface_stiffness as interface_stiffness
 from .parameter_box import BoxModel as BoxModel, ParameterBox as ParameterBox
 from .reduce import METHODS as METHODS, PORT_LIMIT as PORT_LIMIT, Method as Method
 from .reductor import Reductor as Reductor

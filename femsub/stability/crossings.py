@@ -77,6 +77,11 @@ def shown_value(value: float, width: float) -> str:
     return f"{round(value / last) * last + 0.0 if last > EPS * abs(value) else value:.9g}"
 
 
+def fixed_digits(value: float, width: float) -> str:
+    """A value with up to 10 places behind the point, none of them below its width."""
+    return f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
+
+
 def fed_by(pencil: Pencil, x: Array, omega: float) -> str:
     """What feeds a motion x at the axis, or just beyond it: 'flutter' or 'hopf'.
 

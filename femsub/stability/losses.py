@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -12,8 +12,9 @@ import numpy as np
 from femsub.checks import CutoffWarning, FemsubError, InputError
 from femsub.coupling import Belt
 from femsub.model import Affine, Contact, Contacts, Substructure, contacts_at, contacts_of, family_of
-from femsub.stability.critical_value import critical_slope, first_value
+from femsub.stability.critical_value import critical_slope, critical_value, first_value
 from femsub.stability.parameter import pencil_over
+from femsub.stability.question import CriticalValue
 
 UNKNOWN = ("stability is lost beyond {} = {:.6g}, at a place that is not known: more modes grow there, but none was found to "
            "cross. Modes without any damping may have met on the axis: give damping. Or a growing mode came into the band at its "
@@ -57,6 +58,34 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
             return Loss(found.value, found.omega if found.first else abs(found.fastest.imag))
     except FemsubError as error:
         return Loss(reason=str(error))
+
+
+def all_losses(model: Any, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
+               band: tuple[float, float] | None) -> CriticalValue:
+    """All losses and regains of stability; without a range those over the slope of the first belt, from 0 down."""
+    if between is not None:
+        return critical_value(model, contacts, parameter, between=between, band=band)
+    belt = first_belt(contacts_of(contacts))
+    assert belt is not None
+    others = [contact for contact in contacts_of(contacts) if contact is not belt]
+    return critical_slope(model, belt.port, force=belt.force, contacts=others or None, band=band)
+
+
+def outcome(found: Sequence[CriticalValue], rows: Sequence[Mapping[str, Any]], words: str) -> tuple[str, str]:
+    """Whether losses were 'found', stability is lost 'nowhere', or the question is 'open'; and a sentence of it.
+
+    `rows` are those of all answers, `words` name the parameter.
+    """
+    kinds = [row["stability"] for row in rows]
+    if count := kinds.count("lost"):
+        return "found", f"{count} loss{'es' * (count != 1)} of stability over {words}."
+    if "lost at the start" in kinds:
+        return "found", f"Modes grow from the start of the range of {words}."
+    if "lost at a place not known" in kinds:
+        return "found", f"Stability is lost, at a value of {words} that is not known."
+    ends, left = [end for one in found for end in one.searched], any(one.open for one in found)
+    return ("open" if left else "nowhere",
+            f"{'No loss found' if left else 'Never lost'} between {words} = {min(ends):g} and {max(ends):g}.")
 
 
 def first_belt(contacts: Sequence[Contact]) -> Belt | None:

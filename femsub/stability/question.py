@@ -177,6 +177,13 @@ class CriticalValue(Displayed):
                  "width": one and one.width, "evidence": self.evidence}
                 for what, one in several]
 
+    def beside(self, known: float | None) -> list[dict[str, Any]]:
+        """`rows` with a value that is known, the reference of the first loss, or of the only row, and the error of the former."""
+        rows = self.rows()
+        first = next((row for row in rows if row["value"] == self.value), None)
+        return [row | {"reference": known if row is first or row["value"] is None else None,
+                       "error": abs(row["value"] - known) if row is first and known is not None else None} for row in rows]
+
     def tables(self) -> list[Table]:
         """A row for each loss and regain of stability."""
         columns = [column("stability", form="s"), column("value", self.parameter, ".8g"), column("kind", form="s"), "omega",

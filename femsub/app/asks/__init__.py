@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from femsub.app.keys import check_value, key, keys_of
-from femsub.app.kinds import Kind
+from femsub.app.kinds import Kind, key
 from femsub.checks import InputError, unknown_name
+from femsub.io import check_value, keys_of
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -94,9 +94,29 @@ class Ask(Kind):
             yield {name: known[name] for name in self.varying}, models.of(scene)
 
 
+@dataclass(frozen=True)
+class AskAt(Ask):
+    """What analyses at values of parameters have."""
+
+    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+
+    def check(self, scene: Scene) -> None:
+        super().check(scene)
+        for name in self.at:
+            parameter_of(scene, name)
+
+
 def shown(value: Any) -> Any:
     """A value of `vary` in a table."""
     return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
+
+
+def check_place(scene: Scene, place: str) -> None:
+    """Refuses a place 'part.port' that is not there."""
+    name, _, port = place.partition(".")
+    if name not in scene.parts:
+        raise unknown_name("part", name, scene.parts)
+    scene.parts[name].check_port(name, port)
 
 
 def parameter_of(scene: Scene, name: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.audit_command import ModelFiles
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, column
 from femsub.checks import InputError
 

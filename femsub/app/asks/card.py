@@ -6,38 +6,28 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of
-from femsub.app.asks.complex_modes import least_stable
-from femsub.app.keys import key
+from femsub.app.asks import AskAt
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result
 
 if TYPE_CHECKING:
-    from femsub.app.grammar import Scene
     from femsub.app.models import Models
 
 
 @dataclass(frozen=True)
-class CardAsk(Ask):
+class CardAsk(AskAt):
     """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
 
     card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     parameter: str = key("mu", "the key of contacts that is 0 without friction")
 
     KIND: ClassVar[str] = "card"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
 
-    def check(self, scene: Scene) -> None:
-        super().check(scene)
-        for name in self.at:
-            parameter_of(scene, name)
-
     def run(self, models: Models) -> Result:
         known = models.chosen(self.card)[0]
         modes = models.spectrum(known, self.at, models.band_below(known, self.band))
-        which = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
-        if not which and (at := least_stable(modes)) is not None:
-            which = [at]
+        which = modes.drawn_first()
         cards = fs.mode_cards(known.model, models.at(self.at), modes, which,
                               full=known.before[-1] if not models.alone and known.before and isinstance(
                                   known.model, fs.ReducedSubstructure) else None, parameter=self.parameter)

@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of, rowed
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.models import Known
 from femsub.app.result import Result, Table, column
 from femsub.checks import NOT_CHECKED

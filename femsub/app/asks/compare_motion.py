@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks.motion import MotionAsk, whole
-from femsub.app.keys import key
+from femsub.app.asks.motion import MotionAsk
+from femsub.app.kinds import key
 from femsub.app.result import Result, Table, column, label
 from femsub.checks import Interruptible
 
@@ -42,21 +42,21 @@ class CompareMotionAsk(MotionAsk):
 
     def run(self, models: Models) -> Result:
         best = models.best
-        long, _, (period, _) = self.long_run(models, best)
+        long, _, period = self.long_run(models, best)
         state = [best.expand(part[:, None])[:, 0] for part in (long.final.displacement, long.final.velocity)]
         rows, exact, place = list[dict[str, Any]](), 0.0, self.place(models)
         with Interruptible() as course:
-            whole(long)
+            long.whole()
             for one in models.every:
                 full = one is models.exact
                 start = fs.State(*state) if full else fs.State(*(fs.motion.project(one.model, models.full.M, part) for part
                                                                  in state))
                 name = f"{label(one.kind)} with {one.model.size} DOF"
-                runs = [whole(fs.transient(one.model, models.contacts, (0.0, self.compare_motion * period), start=start,
-                                           step=period / self.points, tol=self.full_tol if full else self.tol,
-                                           method="alpha" if full else "lsoda",
-                                           progress=lambda text, name=name: models.say(f"{name}, {text}")))  # type: ignore[misc]
-                        for _ in range(1 if full else models.scene.reduce.repeats)]
+                runs = [fs.transient(one.model, models.contacts, (0.0, self.compare_motion * period), start=start,
+                                     step=period / self.points, tol=self.full_tol if full else self.tol,
+                                     method="alpha" if full else "lsoda",
+                                     progress=lambda text, name=name: models.say(f"{name}, {text}")  # type: ignore[misc]
+                                     ).whole() for _ in range(1 if full else models.scene.reduce.repeats)]
                 v = runs[0].velocity(place)
                 amplitude = float(v[len(v) // 2:].std())
                 exact = amplitude if full else exact

@@ -10,7 +10,7 @@ import numpy as np
 import femsub as fs
 from femsub import ReducedSubstructure
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
 from femsub.checks import InputError, first_few
 
@@ -66,7 +66,7 @@ class CriticalAsk(Ask):
                 for one in own.chosen("full" if models.pencil and self.models == "all" else self.models):
                     found = self.all_of(own, one)
                     lost[" ".join(map(str, values.values())) or own.scene.name] = found
-                    crossings += rowed(values, [{**one.head, **row} for row in crossed(found, known)])
+                    crossings += rowed(values, [{**one.head, **row} for row in found.beside(known)])
                 if models.pencil:
                     continue
             rows += rowed(values, self.first_of(own))
@@ -90,7 +90,8 @@ class CriticalAsk(Ask):
         if crossings:
             several = len(crossings) != len({(row["model"], *(row[name] for name in names)) for row in crossings})
             columns = [*names, *([] if models.pencil else ["model", "size"]), column("stability", form="s"),
-                       column("value", self.said, "s", cell=digits), column("kind", form="s"), "omega",
+                       column("value", self.said, "s", cell=lambda row: None if row["value"] is None else
+                              fs.stability.fixed_digits(row["value"], row["width"])), column("kind", form="s"), "omega",
                        *([column("reference", "known", ".10f"), column("error", "error", ".0e")] if self.reference else []),
                        "evidence"]
             name = "critical-all" if rows else "critical"
@@ -134,16 +135,9 @@ class CriticalAsk(Ask):
         """All losses and regains of a model."""
         models.say(f"critical {self.critical}, all losses of {one.model.size} DOF")
         model, contacts = models.over(one, [self.critical])
-        band = models.given_band if models.pencil else models.band_of(self.band)
-        if self.band:
-            band = models.band_of(self.band)
-        if self.by_slope:
-            belt = next(one for one in contacts if isinstance(one, fs.Belt))
-            return fs.critical_slope(model, belt.port, force=belt.force, contacts=[at for at in contacts if at is not belt]
-                                     or None,
-                                     band=band)
-        return fs.critical_value(model, contacts, self.critical, between=range_of(models.scene, self.critical, self.between),
-                                 band=band)
+        between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
+        band = models.given_band if models.pencil and not self.band else models.band_of(self.band)
+        return fs.stability.all_losses(model, contacts, self.critical, between, band)
 
     def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
         """What was found, and what was not excluded."""
@@ -155,35 +149,9 @@ class CriticalAsk(Ask):
             at = "" if row["value"] is None else f" at {row['value']:.8g} by {row['kind']}"
             closed = "" if row.get("reference") is None or row["value"] is None else f" Known is {row['reference']:.8g}."
             decides.append(f"Stability is {row['stability']}{at} ({row['evidence']}).{closed}")
-        count = sum(row["stability"] == "lost" for row in rows)
-        answer, headline = "found", f"{count} loss{'es' * (count != 1)} of stability over {self.said}."
-        kinds = {row["stability"] for row in rows}
-        if not count and "lost at the start" in kinds:
-            headline = f"Modes grow from the start of the range of {self.said}."
-        elif not count and "lost at a place not known" in kinds:
-            headline = f"Stability is lost, at a value of {self.said} that is not known."
-        elif not count:
-            ends = [end for found in lost.values() for end in found.searched]
-            answer = "open" if left else "nowhere"
-            headline = f"{'No loss found' if left else 'Never lost'} between {self.said} = {min(ends):g} and {max(ends):g}."
+        answer, headline = fs.stability.outcome(list(lost.values()), rows, self.said)
         return [*left, Verdict(decides, ["Values of the parameter outside the range were not searched."], answer, headline,
                                "Where is stability lost?")]
-
-
-def crossed(found: fs.CriticalValue, known: float | None) -> list[dict[str, Any]]:
-    """A row for each loss and regain of stability; the first loss, and where there is none, beside a value that is `known`."""
-    rows = found.rows()
-    first = next((row for row in rows if row["value"] == found.value), None)
-    for row in rows:
-        row["reference"] = known if row is first or row["value"] is None else None
-        row["error"] = abs(row["value"] - known) if row is first and known is not None else None
-    return rows
-
-
-def digits(row: Mapping[str, Any]) -> str | None:
-    """The value with up to 10 places behind the point, none of them below its width."""
-    value, width = row["value"], row["width"]
-    return None if value is None else f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
 
 
 def never(row: Mapping[str, Any]) -> Any:

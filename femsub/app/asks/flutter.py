@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, label
 from femsub.checks import InputError
 from femsub.output import damping_percent
@@ -24,8 +24,7 @@ class FlutterAsk(Ask):
     """Frequencies and growth rates of modes over a parameter, and where they meet."""
 
     flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
-                       required=True,
-                       example="mu")
+                       required=True, example="mu")
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]", example=[0.0, 0.6])
     points: int = key(29, "values at which modes are listed; the diagram has others between them where modes meet", least=2,
                       most=10000)
@@ -60,34 +59,27 @@ class FlutterAsk(Ask):
                     raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time "
                                      "anywhere in the range. Give another band")
                 known = kept.get(" ".join(map(str, values.values())) or own.scene.name)
-                if known is None:
-                    found = fs.critical_value(model, contacts, self.flutter, between=(lo, hi), band=band, solver="followed"
-                                              if one.before
-                                              else "auto") if one.before or models.pencil else None
-                    known = [*found.losses, *found.regains] if found is not None else []
-                crossings[name] = known
+                if known is None and (one.before or models.pencil):
+                    found = fs.critical_value(model, contacts, self.flutter, between=(lo, hi), band=band,
+                                              solver="followed" if one.before else "auto")
+                    known = [*found.losses, *found.regains]
+                crossings[name] = known or []
             if self.full:
                 points[f"full model of {own.full.size} DOF"] = [
                     (value, own.spectrum(own.exact, {self.flutter: value}, own.band_of(self.band), False).eigenvalues) for value
                     in self.full]
-        branches = [{"model": name, **row} for name, item in tracks.items() for row in rows_of(item, "flutter")]
+        tables = [(name, table) for name, item in tracks.items() for table in item.tables()]
+        branches, meetings = ([{"model": name, **row} for name, table in tables if table.name == kind for row in table.rows]
+                              for kind in ("flutter", "flutter-meetings"))
         branches += [{"model": "full", self.flutter: float(value), "growth": float(one.real), "omega": float(one.imag),
                       "damping": float(damping_percent(one))} for solved in points.values() for value, several in solved
                      for one in several]
-        meetings = [{"model": name, **row} for name, item in tracks.items() for row in rows_of(item, "flutter-meetings")]
-        columns = ["model", *next((table.columns for item in tracks.values() for table in item.tables()
-                                   if table.name == "flutter-meetings"), ())]
-        losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}" for name, several
-                           in crossings.items()
-                           if several)
+        columns = ["model", *next((table.columns for _, table in tables if table.name == "flutter-meetings"), ())]
+        losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}"
+                           for name, several in crossings.items() if several)
         return Result({"flutter": {"branches": branches, "meetings": meetings}}, [
             "Modes tracked:", *(f"{name}: {item!r}".replace(" over mu ", " over μ ") for name, item in tracks.items()),
             Remark([f"Stability is lost in the flutter diagram: {losses}."] if losses else ()),
             Table("flutter", branches, title=f"Branches over {symbol}"),
             Table("flutter-meetings", meetings, columns if meetings else (), "Where modes meet", keys=2),
             fs.stability.flutter_chart("flutter", tracks, crossings, f"{symbol}  [-]", models.scene.name, points)])
-
-
-def rows_of(item: fs.Tracked, name: str) -> list[Any]:
-    """The rows of one of its tables; none where it has none."""
-    return [row for table in item.tables() if table.name == name for row in table.rows]

@@ -9,7 +9,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, shown
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 from femsub.checks import InputError
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of
-from femsub.app.keys import key
+from femsub.app.asks import AskAt, parameter_of
+from femsub.app.kinds import key
 from femsub.app.result import Result, column
 from femsub.checks import InputError
 
@@ -17,12 +17,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class HelpsAsk(Ask):
+class HelpsAsk(AskAt):
     """Each change by its amount, solved anew: the largest growth with it, in the order of the effect."""
 
     helps: dict[str, float] = key({}, "changes and their amounts: {damper = 100.0} with [parameter.damper]", required=True,
                                   example={"damper": 100.0})
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
     target: float = key(0.0, "the growth that is wanted, or less; 0 is stability", unit="1/time")
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
     solved_in_full: int = key(1, "so many of the best changes are solved in the full model as well", least=0)
@@ -36,8 +35,6 @@ class HelpsAsk(Ask):
             parameter_of(scene, name)
             if name not in scene.parameters or not scene.parameters[name].acts:
                 raise InputError(f"{name!r} is no change: [parameter.{name}] must have material, mass, spring or damper")
-        for name in self.at:
-            parameter_of(scene, name)
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]

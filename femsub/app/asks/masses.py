@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 
 if TYPE_CHECKING:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, column
 from femsub.app.shapes import pictures
 
@@ -38,31 +36,20 @@ class ModesAsk(Ask):
                 full, count=max(1, min(6 + self.modes, most)))
         else:
             found = fs.normal_modes(full, band=models.band_of(self.band))
-        limit, count = found.counted
-        proof = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
-        if found.unlisted:
-            proof += f", {found.unlisted} of them outside the band"
-        rows: list[dict[str, Any]] = [
-            {"mode": i, "omega": omega, "rigid": i <= found.rigid, "residual": residual}
-            for i, (omega, residual) in enumerate(zip(found.frequencies, found.residual, strict=True), start=1)]
+        (limit, count), rows = found.counted, fs.modes.rows_beside(found, self.reference)
         data = {"evidence": found.evidence, "rigid": found.rigid, "counted_below": limit, "counted": count, "rows": rows}
         if not rows:
-            return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: {proof}"])
+            return Result({"modes": data}, [f"{full.name!r} has no normal mode in the band; {found.evidence}: "
+                                            f"{found.count_words}"])
         columns: list[Any] = ["mode", "omega", "residual"]
         shown: list[Shown] = []
-        if self.reference:  # beside the elastic frequencies that are nearest
-            own, theirs = found.frequencies[found.rigid:], np.array(self.reference)
-            apart: list[float] = []
-            for at, to in zip(*fs.modes.match(own, theirs), strict=True):
-                difference = abs(float(own[at] / theirs[to] - 1))
-                if difference <= fs.modes.NEAR:
-                    rows[found.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
-                    apart.append(difference)
-            within = f", within {max(apart):.1e}" if apart else ""
-            shown = [Remark([f"{len(apart)} of {len(theirs)} reference frequencies are met by modes of the model{within}."])]
+        if self.reference:
+            apart = [row["difference"] for row in rows if "difference" in row]
+            met = f"{len(apart)} of {len(self.reference)} reference frequencies are met by modes of the model"
+            shown = [Remark([met + (f", within {max(apart):.1e}." if apart else ".")])]
             columns += [column("reference", "reference ω", ".9g"), column("difference", "rel. difference", ".1e")]
         more = [f"and {len(rows) - self.listed} more"] * (len(rows) > self.listed)
-        shown = [f"Normal modes of {full.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {proof}",
+        shown = [f"Normal modes of {full.name!r} in rad/time, {found.rigid} of them rigid; {found.evidence}: {found.count_words}",
                  Table("modes", rows, columns, "Normal modes", most=self.listed), *more, *shown]
         if not models.alone and models.meshes and (bare := [name for name in full.parts if name not in models.meshes]):
             shown.append(f"not drawn, since they have no mesh: {', '.join(bare)}")

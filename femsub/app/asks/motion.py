@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import WHICH, Ask
-from femsub.app.keys import key
+from femsub.app.asks import WHICH, Ask, check_place
+from femsub.app.kinds import key
 from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, label, named, sentence
-from femsub.checks import InputError, Interruptible, unknown_name
+from femsub.checks import InputError, Interruptible
 
 if TYPE_CHECKING:
-    from femsub import ComplexModes, Transient
+    from femsub import Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
     from femsub.motion import Track
@@ -51,10 +51,7 @@ class MotionAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         if self.observe:
-            part, _, port = self.observe.partition(".")
-            if part not in scene.parts:
-                raise unknown_name("part", part, scene.parts)
-            scene.parts[part].check_port(part, port)
+            check_place(scene, self.observe)
         elif not any(one.places for one in scene.contacts.values()):
             raise InputError("observe is missing: no contact acts on a port, so name the place 'part.port' whose velocity is "
                              "shown")
@@ -66,14 +63,14 @@ class MotionAsk(Ask):
         rows: list[dict[str, Any]] = []
         with Interruptible() as work:
             for one in models.chosen(self.models):
-                track, row = self.track(models, one)
-                tracks.append(track)
-                rows.append(row)
-                whole(track.run)
+                run, window, _ = self.long_run(models, one)
+                tracks.append(run.seen(self.place(models), window, one.kind))
+                rows.append(fs.motion.motion_row(tracks[-1], self.place(models)))
+                run.whole()
         place = self.observe or models.places[0]
         columns = ["model", "size", "rms", column("peaks", "peaks (rad/time)", ".5g", unit="rad/time",
-                                                  cell=lambda row: strongest(row["peaks"])), "sticking",
-                   "energy_residual", "seconds",
+                                                  cell=lambda row: None if row["peaks"] is None else row["peaks"][:3].tolist()),
+                   "sticking", "energy_residual", "seconds",
                    column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
         seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
                 for row in rows if row["rms"] is not None and len(row["peaks"])]
@@ -95,28 +92,13 @@ class MotionAsk(Ask):
             found = Result(found.data | part.data, [*found.shown, *apart, *part.shown])
         return found
 
-    def track(self, models: Models, one: Known) -> tuple[Track, dict[str, Any]]:
-        """A model's run, and its row: amplitude, frequencies, sticking in the window."""
-        run, window, _ = self.long_run(models, one)
-        place = self.place(models)
-        track = run.seen(place, window, one.kind)
-        row: dict[str, Any] = {"model": one.kind, "size": one.model.size, "cutoff": getattr(one.model, "cutoff", np.inf),
-                               "window": list(window), "rms": None, "peaks": None, "heights": None, "sticking": None,
-                               "energy_residual": run.energy.residual, "steps": run.effort.steps,
-                               "seconds": run.effort.seconds, "end": run.end, "complete": run.complete}
-        if track.spectrum is not None:
-            row |= {"rms": fs.rms(run.t, track.v, window), "peaks": track.spectrum.peaks, "heights": track.spectrum.heights}
-            if any(belt.port == place for belt in run.contact.belts) and not run.contact.without_eps:
-                row["sticking"] = fs.sticking(run, place, window)
-        return track, row
-
     def place(self, models: Models) -> str:
         """The port that is observed, as the model names it."""
         return models.port(self.observe) if self.observe else models.places[0]
 
-    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], tuple[float, complex]]:
-        """A model's run, the window, and the unit of time with the eigenvalue that it is the period of."""
-        unit, value = self.unit(models) if self.in_periods else (1.0, 0j)
+    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], float]:
+        """A model's run, the window, and the unit of time."""
+        unit = self.unit(models) if self.in_periods else 1.0
         start, end = self.motion[0] * unit, self.motion[1] * unit
         step = self.step * unit or (unit / 40 if self.in_periods else (end - start) / 20_000)
         place, ports = self.place(models), [name for contact in models.contacts for name in contact.ports]
@@ -128,47 +110,27 @@ class MotionAsk(Ask):
                                 progress=lambda text: models.say(f"{label(one.kind)}, {text}"))
 
         at = "motion", id(one.model), repr(models.contacts), start, end, step, self.tol, self.impulse, place
-        found = models.kept(at, run)
-        return found, window, (unit, value)
+        return models.kept(at, run), window, unit
 
-    def unit(self, models: Models) -> tuple[float, complex]:
-        """The period of the mode that grows fastest, and its eigenvalue."""
+    def unit(self, models: Models) -> float:
+        """The period of the mode that grows fastest."""
         reference = models.best
         modes = models.spectrum(reference)
-        at = most_unstable(modes)
+        at = modes.fastest
         if at is None:
             raise InputError(f"nothing grows: {reference.model!r} is stable below its cut-off under {models.contacts!r}; take a "
                              "larger force, less damping or another speed")
-        value = complex(modes.eigenvalues[at])
-        return 2 * np.pi / value.imag, value
+        return float(2 * np.pi / modes.eigenvalues[at].imag)
 
-    def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6, still: float = 1e-3) -> Result:
-        """Growth of the most unstable complex mode below a model's cut-off, measured in time, beside Re λ.
-
-        `faint` and `still` are shares of the belt's speed: the mode's velocity at the start, and that up to which it is followed.
-        There the model is linear.
-        """
-        place, rows = self.place(models), list[dict[str, Any]]()
-        measured = ("growth", "growth_of_cea", "omega", "omega_of_cea", "error")
-        speed = abs(next((item.speed for item in tracks if item.speed), 1.0))
+    def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6) -> Result:
+        """Growth of the most unstable mode below a model's cut-off, measured in time from `faint` of the belt's speed."""
+        rows, speed = list[dict[str, Any]](), abs(next((item.speed for item in tracks if item.speed), 1.0))
         with Interruptible() as work:
             for one in models.chosen("reduced" if self.models == "best" else self.models):
                 modes = models.spectrum(one)
-                found: dict[str, Any] = dict.fromkeys(measured)
-                if (at := most_unstable(modes)) is not None:  # else too few modes: what grows lies above this model's cut-off
-                    # from a velocity `faint` until it should be `still`, and for a dozen periods at least
-                    value, shape = complex(modes.eigenvalues[at]), modes.shapes[:, at]
-                    shape = shape * (faint * speed / max(float(np.abs(one.model.port(place).T @ shape * value).max()), 1e-300))
-                    start = fs.motion.sliding(one.model, models.contacts).perturbed(shape.real, (value * shape).real)
-                    period = 2 * np.pi / value.imag
-                    end = max(np.log(still / faint) / value.real, 12 * period)
-                    run = whole(fs.transient(one.model, models.contacts, (0.0, end), start=start, step=period / 40, tol=1e-10,
-                                             method="lsoda"))
-                    own = fs.growth_rate(run.t, run.velocity(place), below=2 * still * speed)
-                    found = dict(zip(measured, (own.rate, value.real, own.omega, value.imag, abs(own.rate / value.real - 1)),
-                                     strict=True))
                 above = float(modes.eigenvalues[modes.above_cutoff].real.max()) if modes.above_cutoff.any() else None
-                rows.append({"model": one.kind, "size": one.model.size, **found, "above": above})
+                rows.append({"model": one.kind, "size": one.model.size, **fs.motion.growth_in_time(
+                    one.model, models.contacts, modes, self.place(models), speed, faint), "above": above})
         columns = ["model", "size", column("growth", "growth in time", ".5g"), column("growth_of_cea", "Re λ", ".5g"),
                    column("error", "error", ".0e"), column("omega", "ω in time", ".5g"),
                    column("omega_of_cea", "Im λ", ".5g", unit="rad/time"), column("above", "Re λ above cut-off", ".5g")]
@@ -192,15 +154,11 @@ class MotionAsk(Ask):
 
     def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
         """Short-time spectra of the whole runs, on one scale."""
-        unit = self.unit(models)[0] if self.in_periods else 1.0
+        unit = self.unit(models) if self.in_periods else 1.0
         whole_time = (self.motion[1] - self.motion[0]) * unit
         lowest = min((item.peaks[0] for item in tracks if len(item.peaks)), default=np.inf)
         length = self.length * unit or max(whole_time / 50, min(20 * np.pi / lowest, whole_time / 4))
-        made = [(item, fs.spectrogram(item.run.t, item.v, length)) for item in tracks
-                if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
-        rows = [{"model": item.kind, "size": item.size, "from": float(found.t[at]) - length / 2,
-                 "to": float(found.t[at]) + length / 2, "omega": float(found.omega[found.amplitude[:, at].argmax()])}
-                for item, found in made for at in range(0, len(found.t), max(1, len(found.t) // 8))]
+        made, rows = fs.motion.spectrograms(tracks, length)
         return Result({"motion-spectrogram": {"length": length, "strongest": rows}}, [
             Table("motion-spectrogram", rows, title="Strongest frequency over time"),
             *([fs.motion.spectrogram_chart([(item.name, found) for item, found in made], fs.motion.highest(tracks))]
@@ -228,21 +186,3 @@ class MotionAsk(Ask):
             Table("motion-quality", rows, columns, "Quality under self-excitation"),
             *(f"{label(row['model'])}: {row['verdict']}" for row in rows),
             Remark([sentence(row["verdict"], named(row["model"], row["size"])) for row in rows])])
-
-
-def whole(run: Transient) -> Transient:
-    """The run, if it went to its end; an interruption goes on to whoever keeps what is done (`Interruptible`)."""
-    if not run.complete:
-        raise KeyboardInterrupt
-    return run
-
-
-def most_unstable(found: ComplexModes) -> int | None:
-    """The complex mode below a model's cut-off that grows fastest; None where none grows."""
-    at = np.flatnonzero((found.eigenvalues.imag > 0) & ~found.above_cutoff & (found.eigenvalues.real > 0))
-    return int(at[found.eigenvalues[at].real.argmax()]) if len(at) else None
-
-
-def strongest(peaks: Sequence[float] | None) -> list[float] | None:
-    """The frequencies of the three largest peaks of a spectrum, which come first in it; None where there is no spectrum."""
-    return None if peaks is None else [float(at) for at in peaks[:3]]

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
+import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Picture, Result, Table, column
-from femsub.app.shapes import vtu
-from femsub.components import joined_mesh, parts_figure
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
@@ -37,9 +33,6 @@ class PartsAsk(Ask):
         shown: list[Any] = [Table("parts", rows, columns, "Parts")]
         if len({mesh.kind for mesh in meshes.values()}) > 1 or next(iter(meshes.values())).dimension == 1:
             return Result({"parts": rows}, shown)
-        ends = np.cumsum([row["cells"] for row in rows])
-        groups = {row["part"]: np.arange(end - row["cells"], end) for row, end in zip(rows, ends, strict=True)}
-        whole = joined_mesh(list(meshes.values()), groups)
-        number = np.repeat(np.arange(1.0, len(rows) + 1), [row["nodes"] for row in rows])
-        return Result({"parts": rows}, [*shown, Picture("parts", lambda: parts_figure(meshes, title))],
-                      {"parts.vtu": partial(vtu, whole, {"part": number})})
+        whole, number = fs.components.joined_parts(meshes)
+        return Result({"parts": rows}, [*shown, Picture("parts", lambda: fs.components.parts_figure(meshes, title))],
+                      {"parts.vtu": fs.io.mesh_writer(whole, {"part": number})})

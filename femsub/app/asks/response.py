@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
-from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.asks import Ask, check_place
+from femsub.app.kinds import key
 from femsub.app.result import Advice, Result, Table, column, label
-from femsub.checks import InputError, unknown_name
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -34,10 +35,7 @@ class ResponseAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         for place in (*self.response, *self.observe):
-            name, _, port = place.partition(".")
-            if name not in scene.parts:
-                raise unknown_name("part", name, scene.parts)
-            scene.parts[name].check_port(name, port)
+            check_place(scene, place)
         if self.loss and len(scene.parts) > 1:
             raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
 
@@ -49,27 +47,18 @@ class ResponseAsk(Ask):
         acting = models.linear if self.sliding else None
         exact: Any = None
         curves, rows, points = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+        pairs = list(product(self.response, self.observe or self.response))
         for one in models.every:
             models.say(f"receptance, {label(one.kind)} with {one.model.size} DOF")
             model = fs.damped(one.model, structural=self.loss) if self.loss else one.model
             found = fs.frequency_response(model, acting, at=omega, loads=loads, responses=seen)
-            bound = None if exact is None else found.error(exact)
-            for j, load in enumerate(self.response):
-                for i, place in enumerate(self.observe or self.response):
-                    h = found.receptance[:, i, j]
-                    words = "" if len(loads) == len(seen) == 1 else f", {place} by {load}"
-                    curve = {**one.head, "omega": omega, "magnitude": np.abs(h), "phase": np.degrees(np.angle(h)), "words": words}
-                    if exact is not None and bound is not None:
-                        size, error = np.abs(exact.receptance[:, i, j]), bound[:, i, j]
-                        worst = int(error.argmax())
-                        rows.append({**one.head, **({"load": load, "place": place} if words else {}),
-                                     "error": float(error.max() / size.max()), "omega": float(omega[worst]),
-                                     "error_local": float((error / size).max()), "evidence": found.evidence})
-                        curve["error"] = error / size
-                    curves.append(curve)
-                    points += [{**one.head, **({"load": load, "place": place} if words else {}), **{
-                        name: float(curve[name][at]) for name in ("omega", "magnitude", "phase", "error") if name in curve}}
-                        for at in range(len(omega))]
+            errors = found.errors(exact) if exact else []
+            for at, ((load, place), curve) in enumerate(zip(pairs, found.curves(exact), strict=True)):
+                which = one.head | ({"load": load, "place": place} if len(pairs) > 1 else {})
+                curves.append({**one.head, **curve, "words": f", {place} by {load}" if len(pairs) > 1 else ""})
+                points += [which | dict(zip(curve, map(float, values), strict=True))
+                           for values in zip(*curve.values(), strict=True)]
+                rows += [which | row for row in errors[at:at + 1]]
             exact = exact or found
         columns = ("model", "modes", "size", *(("load", "place") if rows and "load" in rows[0] else ()), column("error", "err h"),
                    column("omega", "at ω", ".5g"), column("error_local", "err h / h", ".1e"), "evidence")

@@ -9,7 +9,7 @@ from scipy import stats
 
 import femsub as fs
 from femsub.app.asks import Ask, parameter_of, range_of
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result
 
 if TYPE_CHECKING:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import femsub as fs
-from femsub.app.asks import Ask, parameter_of
-from femsub.app.asks.complex_modes import least_stable
-from femsub.app.keys import key
+from femsub.app.asks import AskAt, parameter_of
+from femsub.app.kinds import key
 from femsub.app.result import Result
 
 if TYPE_CHECKING:
@@ -17,13 +16,11 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SensitivitiesAsk(Ask):
+class SensitivitiesAsk(AskAt):
     """∂λ/∂p of the modes that grow, or of the least stable one, with error bars."""
 
     sensitivities: list[str] = key([], "the parameters: keys of the contacts, names in factors, or [parameter.NAME]",
-                                   required=True,
-                                   example=["mu", "pressure"])
-    at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
+                                   required=True, example=["mu", "pressure"])
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
 
     KIND: ClassVar[str] = "sensitivities"
@@ -31,15 +28,13 @@ class SensitivitiesAsk(Ask):
 
     def check(self, scene: Scene) -> None:
         super().check(scene)
-        for name in (*self.sensitivities, *self.at):
+        for name in self.sensitivities:
             parameter_of(scene, name)
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
         modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_below(known, self.band))
-        of = [int(one) for one in modes.unstable if modes.eigenvalues[one].imag > 0]
-        if not of and (at := least_stable(modes)) is not None:
-            of = [at]
+        of = modes.drawn_first()
         parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters
                       and models.scene.parameters[name].acts
                       else name for name in self.sensitivities]

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-import scipy.sparse as sp
-
 import femsub as fs
 from femsub.app.asks import Ask
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.result import Result, Table, column
-from femsub.checks import InputError, PortWarning
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -40,34 +36,18 @@ class SpringsAsk(Ask):
         sub = models.full
         if not models.alone or not len(sub.interface):
             return Result({"springs": []}, ["Interface on springs: the part has no interface DOF"])
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PortWarning)  # no port matters here
-            condensed = np.diag(fs.reduce(sub, fs.CraigBampton(0)).K)[:len(sub.interface)]
-        bare = sub.K.diagonal()[sub.interface]
-        own = np.where(condensed > 1e-9 * bare, condensed, bare)
+        own, rows = fs.reduction.interface_stiffness(sub), list[dict[str, Any]]()
         count = min(self.lowest, min(one.model.size for one in models.reduced))
-
-        def frequencies(model: Any, springs: Any) -> Any:
-            B = sp.csr_array(model.interface_rows)
-            added = B.T @ sp.diags_array(springs) @ B
-            if not sp.issparse(model.K):
-                added = added.toarray()
-            modes = fs.normal_modes(fs.Substructure(model.M, model.K + added, name=model.name), count=count)
-            return modes.frequencies[modes.rigid:]
-
-        rows: list[dict[str, Any]] = []
         for ratio in self.springs:
             models.say(f"interface on springs of {ratio:g} times its own stiffness")
-            exact = frequencies(sub, ratio * own)
-            for one in models.reduced:
-                found = frequencies(one.model, ratio * own)
-                rows.append({**one.head, "springs": float(ratio), "error": float(np.max(np.abs(found / exact - 1)))})
-        wide = {(row["model"], row["modes"]): {name: row[name] for name in ("model", "modes", "size")} for row in rows}
-        for row in rows:
-            wide[row["model"], row["modes"]][f"{row['springs']:g}"] = row["error"]
+            errors = fs.reduction.errors_on_springs(sub, [one.model for one in models.reduced], ratio * own, count)
+            rows += [{**one.head, "springs": float(ratio), "error": error} for one, error
+                     in zip(models.reduced, errors, strict=True)]
+        wide = [one.head | {f"{row['springs']:g}": row["error"] for row in rows if one.head.items() <= row.items()}
+                for one in models.reduced]
         columns = ("model", "modes", "size", *(column(f"{ratio:g}", form=".1e") for ratio in self.springs))
         return Result({"springs": rows}, [
             f"Interface on springs: largest error of the lowest {count} frequencies, over the springs' stiffness relative to the "
-            "part's own at each interface DOF", Table("", list(wide.values()), columns, keys=3),
+            "part's own at each interface DOF", Table("", wide, columns, keys=3),
             Table("springs", rows, title="Interface on springs"),
             fs.modes.springs_chart(rows, f"{models.scene.name}: interface on springs, lowest {count} frequencies")])

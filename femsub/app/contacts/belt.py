@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub import coupling
 from femsub.app.contacts import ContactKind
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.checks import InputError
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 
 import femsub as fs
 from femsub.app.contacts import ContactKind
-from femsub.app.keys import key
+from femsub.app.kinds import key
 
 if TYPE_CHECKING:
     from femsub import Mesh

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub.app.ends import LinkKind
-from femsub.app.keys import key
+from femsub.app.kinds import key
 
 if TYPE_CHECKING:
     from femsub import Mesh

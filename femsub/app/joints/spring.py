@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.joints import ENDS, JointKind
-from femsub.app.keys import key
+from femsub.app.kinds import key
 
 if TYPE_CHECKING:
     from femsub import Mesh

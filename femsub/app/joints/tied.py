@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import femsub as fs
 from femsub.app.ends import GROUND
 from femsub.app.joints import JointKind
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.checks import InputError
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import femsub as fs
 from femsub.app.ends import End
-from femsub.app.keys import key
-from femsub.app.kinds import Kind
+from femsub.app.kinds import Kind, key
 from femsub.checks import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:

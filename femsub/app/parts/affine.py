@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.algebra import as_matrix
-from femsub.app.expressions import Expression, Factor
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
 from femsub.checks import InputError
-from femsub.io import read_aligned
+from femsub.model import Expression, affine_of, check_range
 
 if TYPE_CHECKING:
     from femsub import Affine, Mesh
@@ -58,56 +56,34 @@ class AffinePart(Part):
                                                       "places")
 
     @cached_property
-    def factors(self) -> dict[str, dict[str, Expression]]:
-        """Those of M, D and K by the places of their matrices."""
-        return {sum_: {f"{sum_}[{i}]": Expression(str(term.factor), f"{sum_}[{i}].factor")
-                       for i, term in enumerate(getattr(self.affine, sum_), 1)} for sum_ in "MDK"}
+    def factors(self) -> dict[str, list[Expression]]:
+        """Those of the matrices of M, D and K."""
+        sums = {name: enumerate(getattr(self.affine, name), 1) for name in "MDK"}
+        return {name: [Expression(str(one.factor), f"{name}[{i}]") for i, one in terms] for name, terms in sums.items()}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """All parameters, in the order in which they come."""
-        return tuple(dict.fromkeys(name for terms in self.factors.values() for one in terms.values() for name in one.names))
+        return tuple(dict.fromkeys(name for terms in self.factors.values() for one in terms for name in one.names))
 
     def __post_init__(self) -> None:
         _ = self.names  # a factor that is no expression is refused here
 
     def check_over(self, free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
-        """Refuses a range of a parameter in which a factor has no value somewhere, or in which none changes.
-
-        Raises
-        ------
-        InputError
-            So it is, or another parameter has no value.
-        """
+        """Refuses a range of a parameter in which a factor has no value somewhere, and other parameters without values."""
         for name in self.names:
             if name != free and name not in values:
                 raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
-        factors = [one for terms in self.factors.values() for one in terms.values()]
-        for one in factors:
-            one.check_over(free, between, values)
-        lines = [one.lines(free, values) for one in factors]
-        if all(line and not line[1] for line in lines):
-            raise InputError(f"no factor changes with {free!r}, which cancels. Change the expression, or name another parameter")
+        check_range([one for terms in self.factors.values() for one in terms], free, between, values)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
     def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
         """The pencil over free parameters; the others have values."""
-        matrices, sums = self.matrices(site), []
-        for terms in self.factors.values():
-            added: list[tuple[Any, Matrix]] = []
-            for name, one in terms.items():
-                A, line = matrices[name], one.lines(free[0], values) if len(free) == 1 else None
-                if not set(one.names) & set(free):
-                    added += [(one(values), A)] if one(values) else []
-                elif line is None:
-                    added.append((Factor(one, tuple(at for at in free if at in one.names), tuple(values.items())), A))
-                else:  # a straight line in the parameter stands as such, so that it can be certified
-                    added += [(theta, factor * A) for theta, factor in ((1.0, line[0]), (free[0], line[1]))
-                              if factor] or [(0.0, A)]
-            sums.append(added or (None if terms is self.factors["D"] else [(0.0, A)]))
-        return fs.Affine(*sums)
+        matrices = iter(self.matrices(site).values())
+        sums = {name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}
+        return affine_of(sums, free, values)
 
     def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
         """By their places, checked, all of one size."""
@@ -116,9 +92,10 @@ class AffinePart(Part):
         matrices: dict[str, Any] = {name: np.array(one) for name, one in given.items() if not isinstance(one, str)}
         if paths:
             base = next((name for name in paths if name[0] == "K"), next(iter(paths)))
-            matrices |= read_aligned(paths, {name: name[0] for name in paths}, base, [name for name in paths if name[0] == "M"],
-                                     self.affine.massless or len(self.affine.M) > 1)[0]
-        checked = {name: as_matrix(name, matrices[name]) for name in given}
+            masses = [name for name in paths if name[0] == "M"]
+            matrices |= fs.io.read_aligned(paths, {name: name[0] for name in paths}, base, masses,
+                                           self.affine.massless or len(self.affine.M) > 1)[0]
+        checked = {name: fs.algebra.as_matrix(name, matrices[name]) for name in given}
         size = checked["K[1]"].shape[0]
         for name, A in checked.items():
             if A.shape[0] != size:

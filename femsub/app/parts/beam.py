@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, rates
 from femsub.checks import InputError
 
@@ -27,8 +27,7 @@ class BeamPart(Part):
     beam: float = key(1.0, "its length", unit="length", above=0, required=True, example=1.0)
     material: str = key("", "the name of its material", required=True, example="steel")
     elements: int = key(20, "equal elements along it", least=1, most=10**7)
-    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given",
-                       example=0.02)
+    width: float = key(0.0, "the cross-section's width", unit="length", least=0, otherwise="I and A are given", example=0.02)
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
                         otherwise="I and A are given", example=0.01)
     I: float = key(0.0, "second moment of area", unit="length⁴", least=0,  # noqa: E741
@@ -48,9 +47,7 @@ class BeamPart(Part):
             raise InputError("give width and height, or I and A")
 
     def mesh(self, site: PartSite) -> Mesh | None:
-        nodes = np.arange(self.elements + 1)
-        places = nodes * (self.beam / self.elements)
-        return fs.Mesh(places[:, None], np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
+        return fs.components.line(np.arange(self.elements + 1) * (self.beam / self.elements), site.name)
 
     @property
     def section(self) -> dict[str, float]:
@@ -60,8 +57,7 @@ class BeamPart(Part):
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation,
-                                      part=part,
-                                      rayleigh=rates(self.rayleigh), **self.section)
+                                      part=part, rayleigh=rates(self.rayleigh), **self.section)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         of = site.material(self.material)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.checks import InputError
 
@@ -45,10 +45,7 @@ class ChainPart(Part):
         return ["belt"]
 
     def mesh(self, site: PartSite) -> Mesh | None:
-        if self.cut or self.chain < 2:
-            return None
-        nodes = np.arange(self.chain)
-        return fs.Mesh(nodes[:, None] + 1.0, np.stack([nodes[:-1], nodes[1:]], axis=1), "line", name=site.name)
+        return None if self.cut or self.chain < 2 else fs.components.line(np.arange(self.chain) + 1.0, site.name)
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
         if self.cut:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.ends import End
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 from femsub.checks import unknown_name
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 
 if TYPE_CHECKING:
@@ -78,5 +78,4 @@ class PlatePart(Part):
         of = site.material(self.material)
         assert mesh is not None
         return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group
-                                       or None,
-                                       part=part, rayleigh=rates(self.rayleigh))
+                                       or None, part=part, rayleigh=rates(self.rayleigh))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 import femsub as fs
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, motions, rates
 from femsub.checks import InputError, unknown_name
 
@@ -51,25 +51,12 @@ class Shape:
         counts = self.elements or [4, 48, 2]
         if self.brake:
             return _brake(self.size)[self.brake]
-        made = disc(self.radii, self.thickness, counts, self.cells, name) if self.radii else fs.block(
-            self.lengths, counts, self.cells, name=name)
+        made = fs.components.mounted_disc(self.radii[0], self.radii[1], self.thickness, counts, self.cells, name) if self.radii \
+            else fs.block(self.lengths, counts, self.cells, name=name)
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
 
 
 _brake = cache(fs.coupling.brake_meshes)  # of three parts that are made in turn
-
-
-def disc(radii: list[float], thickness: float, counts: list[int], cells: str, name: str) -> Mesh:
-    """A disc with its contact and three mounts."""
-    mesh = fs.annulus(radii[0], radii[1], thickness, counts, cells, name=name)
-    radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])
-    width, sector = (radii[1] - radii[0]) / counts[0], 2 * np.pi / counts[1]
-    top = mesh.sets["top"]
-    patch = top[(radius[top] > radii[1] - 1.01 * width) & (np.abs(angle[top]) < 1.01 * sector)]
-    edge = np.intersect1d(mesh.sets["outer"], mesh.sets["bottom"])
-    around = np.exp(1j * angle[edge])
-    mounts = [edge[np.argmin(np.abs(around - np.exp(2j * np.pi * place)))] for place in (1 / 6, 1 / 2, 5 / 6)]
-    return mesh.with_sets(contact=patch, mounts=mounts)
 
 
 @dataclass(frozen=True)
@@ -84,9 +71,8 @@ class NearKeys:
         """The node, as a row of the mesh."""
         if self.of and self.of not in mesh.sets:
             raise unknown_name("set", self.of, mesh.sets)
-        rows = mesh.sets[self.of] if self.of else np.arange(len(mesh.points))
-        return rows[[np.linalg.norm((mesh.points[rows] - self.near if len(self.near) == 3 else
-                                     mesh.points[rows][:, :2] - self.near[:2]), axis=1).argmin()]]
+        rows, point = mesh.sets[self.of] if self.of else np.arange(len(mesh.points)), self.near[:3]
+        return rows[[np.linalg.norm(mesh.points[rows, :len(point)] - point, axis=1).argmin()]]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import femsub as fs
 from femsub.app.ends import End
-from femsub.app.keys import key
+from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite, from_file
 from femsub.app.parts.matrices import DOF
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from femsub.checks import (
 )
 from femsub.model import Pencil, RigidMotion, Substructure, beyond, look_at_the_order, usable_band
 from femsub.modes.charts import modes_chart
+from femsub.modes.mode_names import parts_energies
 from femsub.modes.quadratic.bars import bars
 from femsub.modes.quadratic.dense import blurred
 from femsub.modes.quadratic.lossy import LossyPencil
@@ -183,11 +184,30 @@ class ComplexModes(Shaped):
         """Im λ over Re λ, and over the damping ratio -Re λ/|λ| in %, of eigenvalues with Im λ ≥ 0; growing ones are red."""
         return modes_chart(self, title)
 
+    @property
+    def least_stable(self) -> int | None:
+        """The index of the oscillation with the largest Re λ, rigid motion apart; None where nothing oscillates."""
+        moving = np.flatnonzero(~self.rigid & (self.eigenvalues.imag > 0))
+        return int(moving[np.argmax(self.eigenvalues.real[moving])]) if len(moving) else None
+
+    @property
+    def fastest(self) -> int | None:
+        """The index of the oscillation below the cut-off that grows fastest; None where none grows."""
+        at = np.flatnonzero((self.eigenvalues.imag > 0) & ~self.above_cutoff & (self.eigenvalues.real > 0))
+        return int(at[np.argmax(self.eigenvalues.real[at])]) if len(at) else None
+
+    def growing(self, model: Substructure | None = None) -> list[dict[str, Any]]:
+        """A row for each growing mode, by frequency; with the model each part's share of the kinetic energy, 'energy_PART'."""
+        chosen: Array = self.unstable[np.argsort(self.eigenvalues[self.unstable].imag)]
+        shares = {} if model is None else parts_energies(model, self.shapes[:, chosen])[0]
+        return [{"omega": value.imag, "growth": value.real, "error_bar": bar, "damping": -100 * value.real / abs(value),
+                 **{f"energy_{name}": float(share[i]) for name, share in shares.items()}}
+                for i, (value, bar) in enumerate(zip(self.eigenvalues[chosen], self.error_bar[chosen], strict=True))]
+
     def drawn_first(self) -> list[int]:
         """Growing modes, or the least stable one."""
         grows = [int(i) for i in self.unstable if self.eigenvalues[i].imag > 0]
-        moving = np.flatnonzero(~self.rigid & (self.eigenvalues.imag > 0))
-        return grows or moving[np.argsort(-self.eigenvalues.real[moving])][:1].tolist()
+        return grows or [i for i in (self.least_stable,) if i is not None]
 
     def title_of(self, i: int) -> str:
         """The title of a shape."""

@@ -6,7 +6,8 @@ has not, and how far apart they are: eigenvalues, undamped frequencies with the 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as la
@@ -29,6 +30,7 @@ from femsub.model import (
 from femsub.modes.normal_modes import NormalModes, all_modes, normal_modes
 
 if TYPE_CHECKING:
+    from femsub.modes.normal_modes import NormalModes
     from femsub.modes.quadratic.complex_modes import ComplexModes
 
 HALF = EPS**0.5  # half of the digits: what is known to fewer is poor, and eigenvalues nearer than this are one to first order
@@ -179,6 +181,21 @@ class SpectrumErrors(NamedTuple):
     real: float
     missed: int
     invented: int
+
+
+def rows_beside(modes: NormalModes, reference: Sequence[float]) -> list[dict[str, Any]]:
+    """The rows of normal modes; elastic ones have the reference frequency that is theirs, and the relative difference."""
+    rows, own, theirs = modes.rows(), modes.frequencies[modes.rigid:], np.array(reference, dtype=float)
+    for at, to in zip(*match(own, theirs), strict=True) if len(theirs) else ():
+        if (difference := abs(float(own[at] / theirs[to] - 1))) <= NEAR:
+            rows[modes.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}
+    return rows
+
+
+def angle_between(x: Array, y: Array, M: Matrix) -> float:
+    """The sine of the angle between two shapes (n,) in the norm of M: ‖x - y (yᴴMx)/(yᴴMy)‖ / ‖x‖."""
+    rest = x - y * (np.vdot(y, M @ x) / np.vdot(y, M @ y))
+    return float(np.sqrt(abs(np.vdot(rest, M @ rest)) / abs(np.vdot(x, M @ x))))
 
 
 def likeness(full: Substructure, model: Substructure, x: Array, y: Array) -> Array:

@@ -117,6 +117,18 @@ class Branch(Displayed):
         """One row per point, for tables."""
         return [{self.parameter: float(value)} | point.row() for value, point in zip(self.values, self.points, strict=True)]
 
+    def record(self) -> dict[str, Any]:
+        """Its points, the Hopf point, special points and its end, for files."""
+        hopf = self.hopf and {key: getattr(self.hopf, key) for key in ("value", "omega", "limit", "error", "supercritical")}
+        return {"hopf": hopf, "special": [vars(point) for point in self.special], "ended": self.ended, "points": self.rows()}
+
+    def summary(self) -> dict[str, Any]:
+        """One row: its cycles, the stable ones among them, and where it begins."""
+        row: dict[str, Any] = {"cycles": len(self.points), "stable": sum(flag is True for flag in self.stable)}
+        if hopf := self.hopf:
+            row |= {"begins": hopf.value, "error": hopf.error, "critical": "super" if hopf.supercritical else "sub"}
+        return row
+
     def tables(self) -> list[Table]:
         """A row for each cycle."""
         columns = [column(self.parameter, form=".6g"), "omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]

@@ -110,6 +110,21 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
     return lo, hi
 
 
+def range_around(belt: Belt, parameter: str, coefficient: float) -> tuple[float, float]:
+    """The range of a parameter from the Hopf point, where F μ' has this value, to the belt's own value and a quarter beyond.
+
+    Of the speed: from half to three times the belt's own.
+    """
+    now = float(getattr(belt, parameter))
+    if parameter == "speed":
+        return min(0.5 * now, 3 * now), max(0.5 * now, 3 * now)
+    assert belt.slope is not None
+    begins = coefficient / belt.force if parameter == "slope" else coefficient / belt.slope
+    last = now + 0.25 * (now - begins)
+    ends = begins - 0.02 * (last - begins), last
+    return min(ends), max(ends)
+
+
 def begun(path: Path, hopf: HopfPoint, shape: Array, small: float = 1e-3) -> tuple[HopfPoint, Place]:
     """The first cycles at two `small` amplitudes a, 2a of the belt's speed; p and ω are even in a: their limit at 0 follows."""
     found = []

@@ -1,4 +1,4 @@
-"""Keys of scene files: what each means, its unit, its type and its bounds, stated once, where the field is declared.
+"""Tables of files, declared as classes: what each key means, its unit, type and bounds, stated once, where its field is.
 
     @dataclass(frozen=True)
     class Strip:
@@ -22,8 +22,8 @@ from math import pi
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from femsub.app.faults import Faults, Place
 from femsub.checks import InputError, choice, finite_number, interval, shown, unknown_name, whole_number
+from femsub.io.faults import Faults, Place
 
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
@@ -46,8 +46,6 @@ class Key:
         Bounds of the value, or of each in a list.
     choices : callable
         The valid words, from the class that has the key.
-    also : callable
-        Other words that stand for one of them, for the schema.
     form : str
         Of a list of fixed length: '[x, y]'; of a range: '[lo, hi]' or '[from, to]', whose order is checked.
     distinct : bool
@@ -73,7 +71,6 @@ class Key:
     above: float | None = None
     below: float | None = None
     choices: Callable[[Any], Iterable[str]] | None = None
-    also: Callable[[], Iterable[str]] | None = None
     form: str = ""
     distinct: bool = False
     otherwise: str = ""
@@ -106,10 +103,10 @@ class Key:
         return self.form == RANGES[0] and self.unit.startswith("rad/")
 
     @property
-    def table(self) -> Any:
-        """The class of a key that holds a table, or a list of tables; else None."""
-        return next((item for kind in kinds(self.type) for item in (item_kind(kind) or kind,) if dataclasses.is_dataclass(item)),
-                    None)
+    def tables(self) -> list[Any]:
+        """The classes of tables that it may hold, alone, in a list, or by names."""
+        held = [item_type(kind) or (get_args(kind)[1] if get_origin(kind) is dict else kind) for kind in alternatives(self.type)]
+        return [kind for kind in held if dataclasses.is_dataclass(kind)]
 
 
 def key(default: Any, meaning: str, **known: Any) -> Any:
@@ -143,22 +140,13 @@ def keys_of(kind: type) -> dict[str, Key]:
 _types = cache(get_type_hints)  # get_type_hints reads the text of each annotation anew, of all classes before this one
 
 
-def defaults_of(kind: type, *name: str) -> dict[str, Any]:
-    """The default of each key: of a scene as it stands after its own rules, of a table as it is declared."""
-    keys = keys_of(kind)
-    if not name:
-        return {key: one.default for key, one in keys.items()}
-    made = kind(*name, **{key: one.example for key, one in keys.items() if one.required})
-    return {key: one.default if one.required else getattr(made, key) for key, one in keys.items()}
-
-
-def kinds(declared: Any) -> list[Any]:
+def alternatives(declared: Any) -> list[Any]:
     """The alternatives of a type: [str, list[float]] of `str | list[float] | None`."""
     parts = get_args(declared) if get_origin(declared) in (Union, UnionType) else [declared]
     return [part for part in parts if part is not NoneType]
 
 
-def item_kind(declared: Any) -> Any:
+def item_type(declared: Any) -> Any:
     """`int` of `list[int]`; None of what is no list."""
     return get_args(declared)[0] if get_origin(declared) is list else None
 
@@ -166,8 +154,8 @@ def item_kind(declared: Any) -> Any:
 def type_words(declared: Any, many: bool = False) -> str:
     """'a string or a list of numbers'."""
     words = []
-    for kind in kinds(declared):
-        inner = item_kind(kind)
+    for kind in alternatives(declared):
+        inner = item_type(kind)
         if inner is not None:
             words.append(f"{'lists' if many else 'a list'} of {type_words(inner, True)}")
         elif dataclasses.is_dataclass(kind) or get_origin(kind) is dict:
@@ -179,7 +167,7 @@ def type_words(declared: Any, many: bool = False) -> str:
     return " or ".join(words)
 
 
-def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hertz: bool = True) -> Any:
+def read_table(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hertz: bool = True) -> Any:
     """An instance of a class of keys, from a table that stands at a place of a file; None if there are faults, which are noted.
 
     `hertz`: whether "5 kHz" may stand for a frequency, since the unit of time is the second. The class's own checks come last.
@@ -210,7 +198,7 @@ def made(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hert
 
 def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz: bool) -> Any:
     """A value of the type, and within the bounds, of its key."""
-    if value == [] and any(map(item_kind, kinds(one.type))):
+    if value == [] and any(map(item_type, alternatives(one.type))):
         if place[-1] != getattr(owner, "KIND", None):
             raise InputError("it is an empty list. Leave the key out to take its default")
         wanted = f"one at least of {', '.join(one.choices(owner))}" if one.choices else one.meaning
@@ -219,17 +207,17 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
         value = [in_radians(end, hertz) for end in value]
     elif one.unit.startswith("rad/") and isinstance(value, str):
         value = in_radians(value, hertz)
-    for kind in kinds(one.type):
-        inner = item_kind(kind)
+    for kind in alternatives(one.type):
+        inner = item_type(kind)
         if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
-            return made(kind, value, place, faults, hertz)
+            return read_table(kind, value, place, faults, hertz)
         if dataclasses.is_dataclass(inner):
             items = {(*place, at): item for at, item in enumerate(value)} if isinstance(value, list) else {(*place,): value}
             if all(isinstance(item, Mapping) for item in items.values()):
-                return [made(inner, item, at, faults, hertz) for at, item in items.items()]
+                return [read_table(inner, item, at, faults, hertz) for at, item in items.items()]
         if get_origin(kind) is dict and dataclasses.is_dataclass(get_args(kind)[1]) and isinstance(value, Mapping) and \
                 all(isinstance(item, Mapping) for item in value.values()):
-            return {name: made(get_args(kind)[1], item, (*place, name), faults, hertz) for name, item in value.items()}
+            return {name: read_table(get_args(kind)[1], item, (*place, name), faults, hertz) for name, item in value.items()}
     value = _typed(value, one.type)
     check_value(one, value, owner, str(place[-1]))
     return value
@@ -272,18 +260,18 @@ def _fits(value: Any, kind: Any) -> bool:
         return True
     if dataclasses.is_dataclass(kind) or get_origin(kind) is dict:
         return isinstance(value, Mapping)
-    if (inner := item_kind(kind)) is not None:
-        return isinstance(value, list) and all(any(_fits(item, one) for one in kinds(inner)) for item in value)
+    if (inner := item_type(kind)) is not None:
+        return isinstance(value, list) and all(any(_fits(item, one) for one in alternatives(inner)) for item in value)
     return isinstance(value, (int, float) if kind is float else kind) and (kind is bool or not isinstance(value, bool))
 
 
 def _typed(value: Any, declared: Any, name: str = "it") -> Any:
     """A value as its key has it: whole numbers do for floats, one value for a list of one."""
-    for kind in kinds(declared):
-        inner = item_kind(kind)
+    for kind in alternatives(declared):
+        inner = item_type(kind)
         if inner is not None:
             items = value if isinstance(value, list) else [value]
-            if all(any(_fits(item, one) for one in kinds(inner)) for item in items):
+            if all(any(_fits(item, one) for one in alternatives(inner)) for item in items):
                 return [_typed(item, inner, name) for item in items]
         elif get_origin(kind) is dict and isinstance(value, Mapping):
             return {key: _typed(one, get_args(kind)[1], repr(key)) for key, one in value.items()}

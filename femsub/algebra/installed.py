@@ -1,4 +1,4 @@
-"""`femsub doctor`: what is installed, what it runs on, and what is wrong with it, with what to do."""
+"""What factors and products rest on: the packages that are installed, BLAS, processors, memory, and what is wrong with them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-import femsub
-from femsub.algebra import available, inertia, libraries, own_processors, petsc, processors, variable
+from femsub.algebra import petsc
+from femsub.algebra.factor import inertia
+from femsub.algebra.processes.memory import available
+from femsub.algebra.processes.system import own_processors, processors, variable
+from femsub.algebra.processes.threads import libraries
 from femsub.checks import DENSE, EQUAL, FemsubError, installed_by
 
 OPTIONAL = "matplotlib", "scikit-fem", "meshio", "plotly", "pyyeti"
@@ -34,6 +37,12 @@ class Findings:
     def add(self, what: str, found: object) -> None:
         self.lines.append(f"{what:<12} {found}")
 
+    @property
+    def text(self) -> str:
+        """The lines, what is wrong, and a verdict."""
+        verdict = "something is wrong: see above" if self.wrong else "nothing is wrong"
+        return "\n".join([*self.lines, *(f"WRONG        {one}" for one in self.wrong), verdict])
+
     @contextmanager
     def noting(self, part: str) -> Iterator[None]:
         """What is raised within is one of the wrong things, and the rest goes on. An error of femsub says itself what to do."""
@@ -48,7 +57,6 @@ def examine() -> Findings:
     """Everything, however much of it fails: each part that does is one of the wrong things."""
     found = Findings()
     with found.noting("python"):
-        found.add("femsub", f"{femsub.__version__}, in {Path(str(femsub.__file__)).parent}")
         found.add("Python", f"{platform.python_version()}, {sys.executable}")
         found.add("system", f"{platform.platform()}, {processors()} processors")
     with found.noting("packages"):
@@ -113,13 +121,3 @@ def examine() -> Findings:
             found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
                                "limit")
     return found
-
-
-def report() -> int:
-    """Prints it; 1 if something is wrong, else 0."""
-    found = examine()
-    print("\n".join(found.lines))
-    for one in found.wrong:
-        print(f"WRONG        {one}")
-    print("something is wrong: see above" if found.wrong else "nothing is wrong")
-    return bool(found.wrong)

@@ -1,4 +1,4 @@
-"""Factors of matrices in scene files: arithmetic of parameters' names, as "1 / speed" or "mu * (1 - speed / 40)".
+"""Factors of matrices as text: arithmetic of parameters' names, as "1 / speed" or "mu * (1 - speed / 40)".
 
 An expression is parsed by Python's `ast`, of which only numbers, names, + - * / **, parentheses and a few functions are taken.
 Nothing is ever run as code. One walk over the tree serves floats, an `Interval` (is it defined everywhere?) and straight lines.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from inspect import Parameter, Signature
@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from femsub.checks import EQUAL, InputError, parsing
-from femsub.model import Interval
+from femsub.checks import EQUAL, InputError, Matrix, parsing
+from femsub.model.affine import Affine
+from femsub.model.intervals import Interval
 
 LONGEST = 500  # characters of an expression: no factor of a model needs more, and Python's parser may fail on much longer ones
 OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
@@ -33,7 +34,7 @@ TAKEN = f"numbers, names of parameters, + - * / **, parentheses, {', '.join(FUNC
 
 @dataclass(frozen=True)
 class Expression:
-    """An arithmetic expression of parameters, checked when it is made; `where` is the scene key that errors name.
+    """An arithmetic expression of parameters, checked when it is made; errors name `where`, the matrix it belongs to.
 
     Raises
     ------
@@ -46,9 +47,9 @@ class Expression:
 
     def __post_init__(self) -> None:
         if len(self.text) > LONGEST:
-            raise InputError(f"scene key {self.where!r} must have at most {LONGEST} characters, but has {len(self.text)}")
+            raise InputError(f"the factor of {self.where} must have at most {LONGEST} characters, but has {len(self.text)}")
         if strange := set(self.text) & {"#", "\\"}:  # Python would leave out what follows
-            raise InputError(f"scene key {self.where!r}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
+            raise InputError(f"the factor of {self.where}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
                              "stand there")
         for node in ast.walk(self._tree):
             if isinstance(node, ast.Constant):
@@ -60,7 +61,7 @@ class Expression:
             if not good:
                 found = "^ (write ** for powers)" if isinstance(node, ast.BitXor) else \
                     ast.unparse(node) if isinstance(node, ast.expr) else type(node).__name__
-                raise InputError(f"scene key {self.where!r}: {self.text!r} has {found} in it, but only {TAKEN} are allowed there")
+                raise InputError(f"the factor of {self.where}: {self.text!r} has {found} in it, but only {TAKEN} may stand there")
 
     @cached_property
     def _tree(self) -> ast.expr:
@@ -69,7 +70,7 @@ class Expression:
                 return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             reason = error.msg if isinstance(error, SyntaxError) else type(error).__name__
-            raise InputError(f"scene key {self.where!r} must be an expression such as '1 / speed', not {self.text!r} "
+            raise InputError(f"the factor of {self.where} must be an expression such as '1 / speed', not {self.text!r} "
                              f"({reason})") from None
 
     @cached_property
@@ -78,7 +79,7 @@ class Expression:
         called = {id(node.func) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         found = [node for node in ast.walk(self._tree) if isinstance(node, ast.Name) and id(node) not in called]
         if bad := [node.id for node in found if node.id in FUNCTIONS]:
-            raise InputError(f"scene key {self.where!r}: {bad[0]} needs an argument, as in '{bad[0]}(speed)'")
+            raise InputError(f"the factor of {self.where}: {bad[0]} needs an argument, as in '{bad[0]}(speed)'")
         found.sort(key=lambda node: (node.lineno, node.col_offset))
         return tuple(dict.fromkeys(node.id for node in found if node.id not in CONSTANTS))
 
@@ -120,7 +121,7 @@ class Expression:
                 if isinstance(found, Interval) and not math.isfinite(found.hi - found.lo):
                     raise ArithmeticError("it is not finite")
             except _RapidError as error:
-                raise InputError(f"scene key {self.where!r}: {self.text!r} has a {error} with more than 100 periods for "
+                raise InputError(f"the factor of {self.where}: {self.text!r} has a {error} with more than 100 periods for "
                                  f"{parameter} from {lo:g} to {hi:g}. Change the expression or the range") from None
             except ArithmeticError as error:
                 middle = (lo + hi) / 2
@@ -165,7 +166,7 @@ class Expression:
 
     def _undefined(self, values: Mapping[str, float], error: Exception) -> InputError:
         place = ", ".join(f"{name} = {values[name]:.9g}" for name in self.names)
-        return InputError(f"scene key {self.where!r}: {self.text!r} has no value at {place}: {error}. Change the expression or "
+        return InputError(f"the factor of {self.where}: {self.text!r} has no value at {place}: {error}. Change the expression or "
                           "the range")
 
 
@@ -187,3 +188,40 @@ class Factor:
 
 class _RapidError(Exception):
     """A sine or cosine of so wide a range that it says nothing."""
+
+
+def affine_of(sums: Mapping[str, Sequence[tuple[Expression, Matrix]]], free: Sequence[str],
+              values: Mapping[str, float]) -> Affine:
+    """The pencil of the sums 'M', 'D' and 'K' of θ A over the parameters `free`; all others have values.
+
+    Where one parameter is free, a factor a + b p stands as two terms, so that analyses over p can be certified.
+    """
+    found: dict[str, Any] = {}
+    for name, terms in sums.items():
+        added: list[tuple[Any, Matrix]] = []
+        for one, A in terms:
+            line = one.lines(free[0], values) if len(free) == 1 else None
+            if not set(one.names) & set(free):
+                added += [(one(values), A)] if one(values) else []
+            elif line is None:
+                added.append((Factor(one, tuple(at for at in free if at in one.names), tuple(values.items())), A))
+            else:
+                added += [(theta, factor * A) for theta, factor in ((1.0, line[0]), (free[0], line[1]))
+                          if factor] or [(0.0, A)]
+        found[name] = added or (None if name == "D" else [(0.0, terms[-1][1])])
+    return Affine(**found)
+
+
+def check_range(factors: Sequence[Expression], free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
+    """Refuses a range of a parameter in which a factor has no value somewhere, or in which none changes.
+
+    Raises
+    ------
+    InputError
+        So it is.
+    """
+    for one in factors:
+        one.check_over(free, between, values)
+    lines = [one.lines(free, values) for one in factors]
+    if all(line and not line[1] for line in lines):
+        raise InputError(f"no factor changes with {free!r}, which cancels. Change the expression, or name another parameter")

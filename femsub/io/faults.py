@@ -1,59 +1,15 @@
-"""What is wrong with a scene file: all of it at once, each with its line."""
+"""What is wrong with a TOML file: all of it at once, each with its line."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from femsub.checks import FemsubError, InputError
+from femsub.io.toml_files import line_numbers
 
 Place = Sequence[Any]  # the keys that lead to a value: ("part", "disc", "E"), ("ask", 2, "between")
-HEADER = re.compile(r"\s*(\[\[?)([^\[\]]+)\]")
-KEY = re.compile(r"""\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*=""")
-NAME = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
-
-
-def line_numbers(text: str) -> dict[tuple[Any, ...], int]:
-    """The line of each table and key of a TOML file. Members of arrays of tables are counted from 0."""
-    found: dict[tuple[Any, ...], int] = {}
-    counts: dict[tuple[str, ...], int] = {}
-    here: tuple[Any, ...] = ()
-    depth, quoted = 0, ""  # within an array of several lines, or a text of several lines
-    for number, line in enumerate(text.splitlines(), 1):
-        if not depth and not quoted:
-            if header := HEADER.match(line):
-                names = tuple(name.strip("\"'") for name in NAME.findall(header[2]))
-                if header[1] == "[[":
-                    counts[names] = counts.get(names, -1) + 1
-                here = _indexed(names, counts)
-                found.setdefault(here, number)
-                continue
-            if key := KEY.match(line):
-                place = here
-                for name in NAME.findall(key[1]):
-                    place = (*place, name.strip("\"'"))
-                    found.setdefault(place, number)
-                for inner in re.finditer(r"[{,]\s*([\w-]+)\s*=", line[key.end():]):
-                    found.setdefault((*place, inner[1]), number)
-        for mark in ('"""', "'''"):
-            if line.count(mark) % 2 and quoted in ("", mark):
-                quoted = "" if quoted else mark
-        if not quoted:
-            bare = re.sub(r""""(?:\\.|[^"\\])*"|'[^']*'|#.*""", "", line)
-            depth = max(depth + bare.count("[") + bare.count("{") - bare.count("]") - bare.count("}"), 0)
-    return found
-
-
-def _indexed(names: tuple[str, ...], counts: dict[tuple[str, ...], int]) -> tuple[Any, ...]:
-    """A header's names with the number of each array of tables behind its name."""
-    place: tuple[Any, ...] = ()
-    for at, name in enumerate(names, 1):
-        place = (*place, name)
-        if names[:at] in counts:
-            place = (*place, counts[names[:at]])
-    return place
 
 
 class Faults:
@@ -88,7 +44,7 @@ class Faults:
             self.add(place, error)
 
     def check(self) -> None:
-        """Refuses the scene if anything is wrong.
+        """Refuses the file if anything is wrong.
 
         Raises
         ------

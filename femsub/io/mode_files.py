@@ -1,4 +1,4 @@
-"""The complex mode that a run's page animates: its shape on the mesh's surface, in single precision, in a file of its own."""
+"""Complex modes as files: on a mesh's surface in single precision, which a page animates, and over a period, for ParaView."""
 
 from __future__ import annotations
 
@@ -7,26 +7,40 @@ import math
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from femsub.checks import Array, InputError
-from femsub.components import boundary_faces, corner_nodes
-from femsub.io import Writer, read_arrays
+from femsub.components import Mesh, boundary_faces, corner_nodes
+from femsub.io.atomic import Writer
+from femsub.io.matrix_files import read_arrays
+from femsub.io.mesh_files import mesh_bytes, series_bytes
 from femsub.output import MODE_FILE, Moving
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
 ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
 
 
 def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
-    """The file of a complex shape u (nodes, 3), by its name; it is made when it is written."""
+    """The file of a complex shape u (nodes, 3) for a page, by its name; it is made when it is written."""
     return {MODE_FILE: partial(_write, mesh, u, {"title": title, "eigenvalue": [eigenvalue.real, eigenvalue.imag],
                                                  "nodes": len(mesh.points)})}
+
+
+def motion_files(mesh: Mesh, shape: Array, omega: float, words: str, title: str, phases: int = 12) -> dict[str, Writer]:
+    """Re(u e^(iωt)) at so many `phases` of a period: a .pvd file, which ParaView animates, and the file of each phase in it."""
+    bare = Mesh(mesh.points, mesh.cells, mesh.kind)
+    times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / phases / omega for k in range(phases)}
+
+    def phase(time: float, file: BinaryIO) -> None:
+        file.write(mesh_bytes(bare, {f"displacement {words}": (shape * np.exp(1j * omega * time)).real}))
+
+    def series(file: BinaryIO) -> None:
+        file.write(series_bytes(times))
+
+    files: dict[str, Writer] = {f"{title}.pvd": series}
+    return files | {name: partial(phase, time) for name, time in times.items()}
 
 
 def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -> Moving:
