@@ -89,15 +89,14 @@ class _Maker:
         turns = np.array([one and power < 2 and abs(matrix - matrix.T).max() > 0
                           for one, (power, matrix) in zip(varies, terms, strict=True)])
         rubs = turns & [power == 0 for power, _ in terms]
-        # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
-        left = iter(turns)
-        half_symmetric = family._each(lambda theta, A: (theta, halves(A)[0] if next(left) else A))
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
         for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
-            reference = half_symmetric.weighted(self.middle)
-            changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if turns[q] else 0.0)
+            # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
+            halved = turns & np.isin(np.arange(len(terms)), self.varied)
+            reference = _halved(family, halved).weighted(self.middle)
+            changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if halved[q] else 0.0)
                        for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
             try:
                 self.projection = projection_over(reference, changes, box.region, GAP)
@@ -345,6 +344,12 @@ class _Maker:
         far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
         counts = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
         self.least = min(self.least, float(np.min(found.error_bar[counts] / far[counts], initial=np.inf)) * model.radii.least / 3)
+
+
+def _halved(family: Affine, chosen: Array) -> Affine:
+    """The family with the symmetric halves of the chosen terms."""
+    each = iter(chosen)
+    return family._each(lambda theta, A: (theta, halves(A)[0] if next(each) else A))
 
 
 def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:
