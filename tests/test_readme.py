@@ -94,7 +94,8 @@ def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     for name, now in drawn.items():  # the picture that is stored has the lines that are drawn today
         then = SHOWS[f"tutorials/{name}"]["shows"]
         assert now and not differences(said(now), said(then)), name
-    assert all(path.name in TEXTS[page] or path.name in (*GIVEN, NUMBERS, "my.toml") for path in tmp_path.iterdir())  # only what it names
+    known = (*GIVEN, NUMBERS, "my.toml")
+    assert all(path.name in TEXTS[page] or path.name in known for path in tmp_path.iterdir())  # only what it names
 
 
 @pytest.mark.slow
