@@ -183,3 +183,19 @@ def test_the_command_of_the_index_makes_a_notebook(tmp_path: Path) -> None:
     jupytext.jupytext([*command[1].split(), "--output", str(made), str(page)])
     cells = json.loads(made.read_text(encoding="utf-8"))["cells"]
     assert sum(cell["cell_type"] == "code" for cell in cells) == len(blocks_of(page.read_text(encoding="utf-8")))
+
+
+# search
+
+@pytest.mark.parametrize(("asked", "page"), [
+    ("sensitivity", "guide/what-helps"), ("effective mass", "guide/mode-cards"), ("map", "guide/stability-maps"),
+    ("damping", "guide/components")])
+def test_the_search_finds_a_heading_of_the_guide(asked: str, page: str) -> None:
+    """The site's search stems words; titles and headings come before text."""
+    pytest.importorskip("sphinx")
+    from sphinx.search.en import SearchEnglish
+
+    stem = SearchEnglish({}).stem
+    headings = re.findall(r"^#+ (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    stems = [{stem(word) for word in re.findall(r"\w+", heading.lower())} for heading in headings]
+    assert any({stem(word) for word in asked.split()} <= found for found in stems), headings
