@@ -140,8 +140,8 @@ def draw(chart: Chart) -> Any:
     for axis, panel in zip(axes, shown, strict=False):
         if "x" in panel.logs:
             few_decades(axis)
-        elif across > 2 and "x" not in panel.linear and panel.heat is None:  # all numbers have room
-            axis.locator_params(axis="x", nbins=5)
+        elif across > 1 and "x" not in panel.linear and panel.heat is None:  # all numbers have room, those of six digits, too
+            axis.locator_params(axis="x", nbins=5 if across > 2 else 6)
         for which in panel.whole:
             getattr(axis, f"{which}axis").set_major_locator(_matplotlib().ticker.MaxNLocator(integer=True, min_n_ticks=1))
     legend_below(figure, axes[:len(shown)], chart.columns)
