@@ -190,10 +190,10 @@ def main(page: Path, *, write: bool = False) -> int:
         blocks, printed, fault = run(text, Path(folder))
         if write and (numbers := Path(folder) / NUMBERS).exists():
             shows, drawn = json.loads(numbers.read_text(encoding="utf-8")), [one.picture for one in blocks if one.picture]
-            told = {"step": f"pages {page.resolve().relative_to(ROOT.resolve())}", "commit": commit(),
-                    "date": time.strftime("%Y-%m-%d")}
+            of_all = {"step": f"pages {page.resolve().relative_to(ROOT.resolve())}", "commit": commit(),
+                      "date": time.strftime("%Y-%m-%d")}
             store(PICTURES, {place: (Path(folder) / Path(place).name).read_bytes() for place in drawn},
-                  {place: told | {"shows": shows[Path(place).name]} for place in drawn})
+                  {place: of_all | {"shows": shows[Path(place).name]} for place in drawn})
     wrong = False
     for block, output in reversed(list(zip(blocks, printed, strict=False))):
         told = differences(output, block.shown or "")
