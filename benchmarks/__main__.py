@@ -17,7 +17,7 @@ from benchmarks import UsageError
 #: The module of each command: its docstring says what it does and what its options mean, which are the arguments of its `main`.
 COMMANDS = {name: f"benchmarks.{name.replace('-', '_')}" for name in (
     "attack", "bases", "gallery", "method-pictures", "over-a-range", "pages", "public-brake-picture", "report",
-    "scaling", "tutorial-figures", "users-picture", "extreme")}
+    "scaling", "users-picture", "extreme")}
 
 
 def first_line(module: str) -> str:

@@ -1,13 +1,15 @@
 """Runs the blocks of a page of the documentation, and compares what they print with what the page shows.
 
     python -m benchmarks pages docs/guide/flutter.md            compares
-    python -m benchmarks pages docs/guide/flutter.md --write    writes what is printed into the page, as ```text blocks
+    python -m benchmarks pages docs/guide/flutter.md --write    writes what is printed into the page, as ```text blocks, and
+                                                                figures into docs/pictures
 
 Replace by `…` what another run prints otherwise, and cut long numbers in the code: the page's test compares the rest.
 
 A page runs from top to bottom in a folder of its own, all its ```python blocks in one namespace. A ```toml block is written to
 `my.toml` there. A ```sh block runs if its output is shown. A ```text block that comes next after a ```python block with a print,
-or after a ```sh block, is its output.
+or after a ```sh block, is its output. An image of `pictures/tutorials/` that comes next after a ```python block, or after its
+output, is drawn by this block: its last line is an expression whose value is the figure, as `modes.plot()`.
 
 Output is compared word by word, however wide the columns are.
 
@@ -31,24 +33,36 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.pictures import NUMBERS, PICTURES, commit, store
+
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+IMAGE = re.compile(r"\s*!\[[^\]]*\]\([^)\s]*\bpictures/(tutorials/[\w-]+\.png)\)\n?")
 NUMBER = re.compile(r"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.]*\w)|(?<=\d)[-+]\d+\.?\d*(?:[eE][-+]?\d+)?(?=j)")
 #: Folders that a page finds beside it; the last one holds data of others, which may lie beside the repository.
 GIVEN = {"meshes": ROOT / "meshes", "scripts": ROOT / "scripts", "5koref1": ROOT.parent / "shared" / "brake-m0"}
 RELATIVE, NOISE = 1e-6, 1e-12
 TIMES = ("ms", "µs")
 
-#: Runs the blocks that come as JSON on stdin; prints as JSON what each printed, up to the first that fails.
+#: Runs the blocks that come as JSON on stdin; prints as JSON what each printed, up to the first that fails. Figures are saved.
 DRIVER = """
-import contextlib, io, json, subprocess, sys, traceback
+import ast, contextlib, io, json, pathlib, subprocess, sys, traceback
 _told, _fault = [], ""
-for _kind, _text in json.load(sys.stdin):
-    _out = io.StringIO()
+for _kind, _text, _picture in json.load(sys.stdin):
+    _out, _name = io.StringIO(), f"<block {len(_told) + 1}>"
     try:
         if _kind == "python":
             with contextlib.redirect_stdout(_out):
-                exec(compile(_text, f"<block {len(_told) + 1}>", "exec"), globals())
+                _tree = ast.parse(_text, _name)
+                _drawn = _tree.body.pop() if _picture else None
+                exec(compile(_tree, _name, "exec"), globals())
+                if _picture:
+                    from benchmarks.pictures import save as _save
+                    _shown = isinstance(_drawn, ast.Expr) and ast.Expression(_drawn.value)
+                    _figure = eval(compile(_shown, _name, "eval"), globals()) if _shown else None
+                    if not any(axis.has_data() for axis in getattr(_figure, "axes", ())):
+                        raise RuntimeError(f"{_name} must end with a figure, which has lines, marks or colours")
+                    _save(pathlib.Path(_picture).resolve(), lambda: _figure)
         else:
             _done = subprocess.run(["bash", "-euc", _text], stdin=subprocess.DEVNULL, capture_output=True, text=True)
             _out.write(_done.stdout)
@@ -64,13 +78,19 @@ json.dump([_told, _fault], sys.__stdout__)
 
 @dataclass(frozen=True)
 class Block:
-    """A block that runs: its language, its text, the output that the page shows (None: none), and where that stands."""
+    """A block that runs: its language, its text, the output that the page shows (None: none), and where that stands.
+
+    `picture` is the place in docs/pictures of the figure that it draws, '' for none. `made_at` has the output's fence and the
+    image: what running the block makes anew.
+    """
 
     kind: str
     text: str
     shown: str | None
     end: int
     shown_at: tuple[int, int] | None = None
+    picture: str = ""
+    made_at: tuple[int, int] = (0, 0)
 
 
 def blocks_of(page: str) -> list[Block]:
@@ -81,7 +101,10 @@ def blocks_of(page: str) -> list[Block]:
         prints = one[1] == "sh" or "print(" in one[2]
         output = next((after for after in found[place + 1:place + 2] if prints and after[1] == "text"), None)
         if one[1] == "python" or (one[1] == "sh" and output):
-            made.append(Block(one[1], one[2], output and output[2], one.end(), output and output.span(2)))
+            end = (output or one).end()
+            image = IMAGE.match(page, end) if one[1] == "python" else None
+            made.append(Block(one[1], one[2], output and output[2], one.end(), output and output.span(2),
+                              image[1] if image else "", (one.end(), image.end() if image else end)))
     return made
 
 
@@ -95,7 +118,7 @@ def run(page: str, folder: Path) -> tuple[list[Block], list[str], str]:
     blocks = blocks_of(page)
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     done = subprocess.run([sys.executable, "-W", "error", "-c", DRIVER], cwd=folder, capture_output=True, text=True, check=False,
-                          input=json.dumps([(one.kind, one.text) for one in blocks]),
+                          input=json.dumps([(one.kind, one.text, Path(one.picture).name) for one in blocks]),
                           env=os.environ | {"PYTHONPATH": path, "FEMSUB_PYTHON": sys.executable, "PYTHONWARNINGS": "error"})
     if done.returncode:
         return blocks, [], done.stderr
@@ -165,6 +188,12 @@ def main(page: Path, *, write: bool = False) -> int:
     text, begun = page.read_text(encoding="utf-8"), time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         blocks, printed, fault = run(text, Path(folder))
+        if write and (numbers := Path(folder) / NUMBERS).exists():
+            shows, drawn = json.loads(numbers.read_text(encoding="utf-8")), [one.picture for one in blocks if one.picture]
+            of_all = {"step": f"pages {page.resolve().relative_to(ROOT.resolve())}", "commit": commit(),
+                      "date": time.strftime("%Y-%m-%d")}
+            store(PICTURES, {place: (Path(folder) / Path(place).name).read_bytes() for place in drawn},
+                  {place: of_all | {"shows": shows[Path(place).name]} for place in drawn})
     wrong = False
     for block, output in reversed(list(zip(blocks, printed, strict=False))):
         told = differences(output, block.shown or "")

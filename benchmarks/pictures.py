@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks import UsageError
+from benchmarks.processes import put
 from femsub.output import render
 
 ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "docs" / "pictures"
+SHOWN = "data.json"  # of the pictures
 NUMBERS = "numbers.json"  # in the folder of a script's pictures: what they show, by their names
 MOST = 40  # values of a list that are kept, evenly chosen
 DIGITS = 4
@@ -50,6 +53,14 @@ def save(path: Path, draw: Callable[[], Any]) -> None:
     known.write_text(json.dumps(told | {path.name: list(lines(made[0]))}), encoding="utf-8")
 
 
+def store(pictures: Path, figures: Mapping[str, bytes], told: Mapping[str, Mapping[str, Any]]) -> None:
+    """Puts figures into the folder of pictures, and what is told of them into its index."""
+    index = pictures / SHOWN
+    known = {**(json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}), **told}
+    lines = ",\n".join(f" {json.dumps(place)}: {json.dumps(known[place], ensure_ascii=False)}" for place in sorted(known))
+    put(pictures, {**figures, SHOWN: f"{{\n{lines}\n}}\n"})
+
+
 def draw_all(figures: Mapping[str, Callable[[], Any]], names: Sequence[str], out: Path) -> None:
     """Draws the figures that are named, or all."""
     if strange := set(names) - set(figures):
@@ -60,7 +71,7 @@ def draw_all(figures: Mapping[str, Callable[[], Any]], names: Sequence[str], out
 
 
 def lines(figure: Any) -> Iterator[dict[str, Any]]:
-    """The named lines of a figure, and the range of each field."""
+    """The named lines of a figure, the range of each field, and the number of faces of each surface."""
     for at, axis in enumerate(figure.axes):
         panel = axis.get_title() or axis.get_ylabel() or f"panel {at + 1}"
         for line in axis.lines:
@@ -70,6 +81,8 @@ def lines(figure: Any) -> Iterator[dict[str, Any]]:
             if field.get_array() is not None and np.isfinite(field.get_array()).any():
                 values = np.asarray(field.get_array(), dtype=float)
                 yield {"panel": panel, "field": list(values.shape), "range": plain([np.nanmin(values), np.nanmax(values)])}
+            elif type(field).__name__ == "PolyCollection":  # the surface of a shape
+                yield {"panel": panel, "faces": len(field.get_paths())}
 
 
 def shown(results: Mapping[str, Any], figure: str) -> list[dict[str, Any]]:

@@ -8,7 +8,8 @@ where it was, and --fresh repeats what is named. DATA/NAME.txt holds what a step
 commit and the machine. PICTURES gets its figures, and PICTURES/data.json for each of them the step, the commit and the numbers
 that are drawn: tests/test_pictures.py compares them with a run of that day. The pages with the conclusions are written by hand.
 Two pictures were made by what is in the history: that of a run's page, report.png, by benchmarks/page_picture.py (commit
-e0d65ca), and methods.png by benchmarks/compare_methods.py (commit ace8ad5).
+e0d65ca), and methods.png by benchmarks/compare_methods.py (commit ace8ad5). Those of docs/tutorials/ are drawn by their pages:
+`python -m benchmarks pages PAGE --write`.
 """
 
 from __future__ import annotations
@@ -25,14 +26,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import UsageError
-from benchmarks.pictures import NUMBERS, commit, plain, shown
+from benchmarks.pictures import NUMBERS, PICTURES, commit, plain, shown, store
 from benchmarks.processes import begin, put
 from femsub.algebra import machine, petsc
 from femsub.app import report
 from femsub.app.grammar import built_in
 
 ROOT = Path(__file__).resolve().parents[1]
-SHOWN = "data.json"  # of the pictures
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,6 @@ STEPS = (
          "extreme --out {out}"),
     Step("method-pictures", "What each method keeps. The shapes of its basis, for the pages of the methods.",
          "method-pictures --out {out}", folder="methods", table=False),
-    Step("tutorials", "The tutorials' pictures. Each from the model of its page.", "tutorial-figures --out {out}",
-         folder="tutorials", table=False),
     *(Step(f"gallery-{name}", f"The gallery: {name}. {line}", f"gallery --run {name}", table=False)
       for name, line in built_in().items()),
 )
@@ -153,18 +151,13 @@ def write(steps: Sequence[Step], work: Path, data: Path, pictures: Path) -> list
     """The texts and figures of the steps that have ended well, each folder whole or not at all; their names."""
     ended = [step for step in steps if (work / step.name / "done.json").exists()]
     put(data, {f"{step.name}.txt": text(step, work / step.name) for step in ended if step.table})
-    index = pictures / SHOWN
-    known = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
-    for step in ended:
-        known |= numbers(step, work / step.name)
-    lines = ",\n".join(f" {json.dumps(place)}: {json.dumps(known[place], ensure_ascii=False)}" for place in sorted(known))
-    figures = {place: path.read_bytes() for step in ended for place, path in pictures_of(step, work / step.name).items()}
-    put(pictures, {**figures, SHOWN: f"{{\n{lines}\n}}\n"})
+    store(pictures, {place: path.read_bytes() for step in ended for place, path in pictures_of(step, work / step.name).items()},
+          {place: one for step in ended for place, one in numbers(step, work / step.name).items()})
     return [step.name for step in ended]
 
 
 def main(steps: tuple[str, ...] = (), *, list: bool = False, work: Path = ROOT / "out" / "report",
-         data: Path = ROOT / "benchmarks" / "data", pictures: Path = ROOT / "docs" / "pictures", fresh: bool = False
+         data: Path = ROOT / "benchmarks" / "data", pictures: Path = PICTURES, fresh: bool = False
          ) -> int:
     if list:
         print(*(f"{step.name:22} {step.says}" for step in STEPS), sep="\n")

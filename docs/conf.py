@@ -136,6 +136,20 @@ def fill_in(app: Sphinx, document: str, text: list[str]) -> None:
         text[0] = text[0].replace("git clone ADDRESS", f"git clone {REPOSITORY}")
 
 
+def link_notebook(app: Sphinx, document: str, text: list[str]) -> None:
+    """Each tutorial has a link to its notebook, which `notebooks` makes, below its title."""
+    folder, _, name = document.rpartition("/")
+    if folder == "tutorials" and name != "index" and app.builder.format == "html":
+        link = f'<a class="notebook" href="{name}.ipynb" download>Open as a notebook</a>'
+        text[0] = re.sub(r"^(# .*\n)", rf"\1\n{link}\n", text[0], count=1, flags=re.MULTILINE)
+
+
+def notebooks(app: Sphinx, fault: Exception | None) -> None:
+    """Makes the notebooks beside the pages of the tutorials."""
+    if fault is None and app.builder.format == "html":
+        generate.write_notebooks(HERE / "tutorials", Path(app.outdir) / "tutorials")
+
+
 def outside(app: Sphinx, document: str, text: list[str]) -> None:
     """Links to pages in the folder above: the README is the first page here, and others are named without a link."""
     def replaced(found: re.Match[str]) -> str:
@@ -222,6 +236,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", link_reference)
     app.connect("source-read", fill_in)
     app.connect("source-read", outside)
+    app.connect("source-read", link_notebook)
+    app.connect("build-finished", notebooks)
     app.connect("source-read", add_contents)
     app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc
     app.connect("doctree-read", link_names)

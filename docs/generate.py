@@ -1,14 +1,21 @@
-"""Writes the reference's pages from the code: public names by what they are for, built-in scenes, and the keys of each kind."""
+"""Writes the reference's pages from the code: public names by what they are for, built-in scenes, and the keys of each kind.
+
+It makes notebooks of the tutorials as well.
+"""
 
 from __future__ import annotations
 
 import inspect
+import re
+from base64 import b64encode
 from collections.abc import Iterator
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
 import femsub as fs
+from benchmarks.pages import blocks_of
+from benchmarks.pictures import PICTURES
 from femsub.app.explain import TABLES
 from femsub.app.grammar import built_in, text_of
 from femsub.app.kinds import Kinds
@@ -187,3 +194,41 @@ def write(folder: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")
+
+
+def notebook(page: str, name: str) -> Any:
+    """The notebook of a tutorial: its ```python blocks are cells, without what they print and draw.
+
+    Links lead to the site's pages. Pictures that no block draws are in the notebook itself.
+    """
+    import jupytext
+
+    for block in reversed([one for one in blocks_of(page) if one.kind == "python"]):
+        page = f"{page[:block.made_at[0]]}\n{page[block.made_at[1]:]}"
+    page = re.sub(r"^<!--.*?-->\n", "", page)
+    page = re.sub(r"^```sh\n(.*?)^```$", r"~~~sh\n\1~~~", page, flags=re.MULTILINE | re.DOTALL)  # no cell: it is not Python
+    page = re.sub(r"^```math\n(.*?)^```$", r"$$\n\1$$", page, flags=re.MULTILINE | re.DOTALL)
+    page = re.sub(r"\]\((?!\w+:)([\w./-]+)\.md(#[\w-]+)?\)", r"](\1.html\2)", page)
+    where = (f"*The notebook of [this page]({name}.html). Files such as `meshes/...` are found if it lies in the folder of the "
+             "clone, and Jupyter runs in the Python of femsub.*")
+    made = jupytext.reads(page.replace("\n\n", f"\n\n{where}\n\n", 1), "md")
+    made.metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    for at, cell in enumerate(made.cells):
+        cell.id, cell.metadata = f"{name}-{at}", {}  # the same each time
+        shown = re.findall(r"\]\(\.\./pictures/([\w./-]+)\)", cell.source) if cell.cell_type == "markdown" else []
+        for place in shown:
+            cell.source = cell.source.replace(f"](../pictures/{place})", f"](attachment:{Path(place).name})")
+            content = b64encode((PICTURES / place).read_bytes()).decode()
+            cell.setdefault("attachments", {})[Path(place).name] = {"image/png": content}
+    return made
+
+
+def write_notebooks(tutorials: Path, folder: Path) -> None:
+    """Writes the notebook of each page of a folder but its index."""
+    import nbformat
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for page in tutorials.glob("*.md"):
+        if page.stem != "index":
+            made = notebook(page.read_text(encoding="utf-8"), page.stem)
+            nbformat.write(made, folder / f"{page.stem}.ipynb")

@@ -216,6 +216,33 @@ def test_a_study_is_drawn_as_error_over_seconds() -> None:
         assert (row.solution.median, max(row.error_growth, 1e-13)) in points(found.chart())
 
 
+def test_a_study_is_drawn_over_the_size_of_its_models() -> None:
+    found = made("study")
+    chart = found.chart(over="size")
+    assert {panel.title for panel in chart.panels} >= {"growth rates Re λ", "frequencies ω"}
+    for panel in chart.panels:
+        key = {"growth rates Re λ": "error_growth", "frequencies ω": "error_frequency"}.get(panel.title, "error_critical")
+        assert {(row.size, max(getattr(row, key), 1e-13)) for row in found.rows} == {
+            point for one in panel.series for point in zip(one.x, one.y, strict=True)}
+        assert all(list(one.x) == sorted(one.x) for one in panel.series)
+    with pytest.raises(fs.InputError, match="unknown over 'seconds'; valid: size, time"):
+        found.chart(over="seconds")
+
+
+def test_receptances_are_drawn_before_those_of_the_full_model_with_the_error() -> None:
+    omega = np.linspace(0.05, 1.0, 30)
+    full = fs.chain(10, belt=2)
+    exact, near = (fs.frequency_response(one, at=omega) for one in (full, fs.reduce(full, fs.CraigBampton(5), ports=True)))
+    size, phase, error = near.chart(full=exact).panels
+    np.testing.assert_array_equal(size.series[0].y, abs(exact.receptance[:, 0, 0]))
+    np.testing.assert_array_equal(size.series[1].y, abs(near.receptance[:, 0, 0]))
+    np.testing.assert_array_equal(phase.series[0].y, np.degrees(np.angle(exact.receptance[:, 0, 0])))
+    off = np.maximum(abs(near.receptance / exact.receptance - 1)[:, 0, 0], 1e-13)
+    assert (error.series[0].y >= off * (1 - 1e-9)).all() and max(error.series[0].y) < 2 * off.max()
+    with pytest.raises(fs.InputError, match="frequencies differ"):
+        near.chart(full=fs.frequency_response(full, at=omega[1:]))
+
+
 @pytest.mark.parametrize("name", ["cycle", "shot cycle"])
 def test_a_cycle_is_drawn_over_one_period_and_as_an_orbit(name: str) -> None:
     found = made(name)
@@ -238,6 +265,8 @@ def test_a_branch_and_a_run_are_drawn_with_what_they_hold() -> None:
     assert len(chart.panels) == 3 and holds(chart, run().t[-5:], run().velocity("belt")[-5:], 1)
     assert track.window == pytest.approx((150.0, 200.0), rel=1e-3) and track.spectrum is not None
     np.testing.assert_allclose(chart.panels[2].series[1].x, [at for at in track.peaks if at <= 1.3 * max(track.peaks[:3])])
+    assert chart.panels[0].title == f"reduced, {track.size} DOF"
+    assert fs.transient(model(), LAW, time=(0, 5), samples=20).chart().panels[0].title == "full, 10 DOF"
     early = fs.transient(small(), LAW, time=(0, 5), samples=20)
     assert early.seen().spectrum is None and len(early.chart().panels) == 2
 
@@ -261,6 +290,9 @@ def test_axes_in_rad_have_hertz_beside_them_where_the_second_is_the_unit_of_time
     labels = [axis.get_ylabel() for one in modes().plot(units="SI").axes for axis in (one, *one.child_axes)]
     assert "f  [Hz]" in labels and "Im λ  [rad/s]" in labels
     assert not any("Hz" in axis.get_ylabel() for one in modes().plot().axes for axis in (one, *one.child_axes))
+    scattered = made("scatter").plot(units="SI")  # beside the frequencies are panels of probabilities and of ranks
+    assert {axis.get_ylabel() for axis in scattered.axes if any("Hz" in one.get_ylabel() for one in axis.child_axes)} == {
+        "Im λ  [rad/s]"}
     named = modes().plot(units={"length": "mm", "time": "s", "mass": "t"})
     assert any(axis.get_ylabel() == "f  [Hz]" for one in named.axes for axis in one.child_axes)
     with pytest.raises(fs.InputError, match=r"'SI', 'mm-t-s'.*not 'metric'"):

@@ -8,6 +8,7 @@ puts the output into it. A page of more than some 3 s has a comment `<!-- slow -
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -21,6 +22,7 @@ import scipy.io
 
 import femsub as fs
 from benchmarks.pages import BLOCK, GIVEN, blocks_of, differences, run
+from benchmarks.pictures import NUMBERS, PICTURES, SHOWN
 from femsub.app.cli import main
 from femsub.app.grammar import Scene
 from femsub.app.kinds import FAMILIES, Kinds
@@ -34,6 +36,15 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(
     and (page.name == "index.md" or "reference" not in page.parts) and "scenes" not in page.parts)]
 TEXTS = {page.relative_to(ROOT).with_suffix("").as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = [(page, *found) for page, text in TEXTS.items() for found in BLOCK.findall(text)]
+
+
+#: What the stored pictures show.
+SHOWS: dict[str, Any] = json.loads((PICTURES / SHOWN).read_text(encoding="utf-8"))
+
+
+def said(rows: list[dict[str, Any]]) -> str:
+    """The panels of a figure and the names of what is drawn in them, without values: those of rounding differ by machine."""
+    return "\n".join(" ".join(str(row[key]) for key in ("panel", "line", "field") if key in row) for row in rows)
 
 
 def blocks(language: str) -> list[str]:
@@ -78,7 +89,14 @@ def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     for block, output in zip(found, printed, strict=True):
         told = differences(output, block.shown or "")
         assert not told, f"{block.text}\n{told}"
-    assert all(path.name in TEXTS[page] or path.name in (*GIVEN, "my.toml") for path in tmp_path.iterdir())  # only what it names
+    kept = tmp_path / NUMBERS
+    drawn = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    assert {f"tutorials/{name}" for name in drawn} == {block.picture for block in found if block.picture}
+    for name, now in drawn.items():  # the picture that is stored has the lines that are drawn today
+        then = SHOWS[f"tutorials/{name}"]["shows"]
+        assert now and not differences(said(now), said(then)), name
+    known = (*GIVEN, NUMBERS, "my.toml")
+    assert all(path.name in TEXTS[page] or path.name in known for path in tmp_path.iterdir())  # only what it names
 
 
 @pytest.mark.slow
@@ -235,6 +253,30 @@ def test_a_page_runs_in_one_namespace_and_a_fault_tells_its_block(tmp_path: Path
     found, printed, fault = run(page, tmp_path)
     assert [block.shown for block in found] == [None, "2\n", "meshes …\n", None] and printed[:2] == ["", "2\n"]
     assert len(printed) == 3 and "ZeroDivisionError" in fault and "<block 4>" in fault
+
+
+FIGURE = "import matplotlib.pyplot as plt\nfigure, axis = plt.subplots()\naxis.plot([1, 2], [3, 4], label='a line')\n"
+
+
+def drawing(code: str, image: str = "![x](../pictures/tutorials/some-lines.png)\n") -> str:
+    return f"```python\n{FIGURE}{code}\n```\n\n{image}"
+
+
+def test_a_figure_is_saved_by_the_block_before_its_image(tmp_path: Path) -> None:
+    found, printed, fault = run(drawing("print(1)\nfigure", "```text\n1\n```\n\n![x](../pictures/tutorials/some-lines.png)\n"),
+                                tmp_path)
+    assert not fault and printed == ["1\n"] and found[0].picture == "tutorials/some-lines.png"
+    assert (tmp_path / "some-lines.png").read_bytes().startswith(b"\x89PNG")
+    shows = json.loads((tmp_path / NUMBERS).read_text())["some-lines.png"]
+    assert [row["line"] for row in shows] == ["a line"] and shows[0]["y"] == [3, 4]
+    assert not blocks_of(drawing("figure", "text\n\n![x](../pictures/tutorials/some-lines.png)\n"))[0].picture
+    assert not blocks_of(drawing("figure", "![x](../pictures/chain-growth.png)\n"))[0].picture
+
+
+@pytest.mark.parametrize("code", ["drawn = figure", "plt.figure()", "print(figure)"])
+def test_a_block_before_an_image_that_draws_nothing_is_a_fault(code: str, tmp_path: Path) -> None:
+    _, _, fault = run(drawing(code), tmp_path)
+    assert "<block 1>" in fault and not (tmp_path / "some-lines.png").exists()
 
 
 def test_the_output_of_a_page_is_written_into_it(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 import femsub as fs
 from benchmarks import gallery
+from benchmarks.pages import blocks_of
 from femsub.app.explain import TABLES
 from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.kinds import FAMILIES, Kinds
@@ -135,3 +136,66 @@ def test_a_formula_becomes_mathml_with_its_indices_below_the_line() -> None:
     texts = {"G⁻¹Φ_b, K_ii⁻¹ K_biΨ": "G⁻¹Φ<b>, K<ii>⁻¹ K<bi>Ψ", "m_{j-1} to m_j": "m<{j-1}> to m<j>",
              "test_site.py, mode_n, read_x_y": "test_site.py, mode_n, read_x_y"}
     assert {text: conf.INDEXED.sub(r"\1<\2>", text) for text in texts} == texts
+
+
+# notebooks
+
+TUTORIALS = [page for page in sorted((DOCS / "tutorials").glob("*.md")) if page.stem != "index"]
+
+
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
+def test_a_tutorial_is_a_notebook_of_its_blocks(page: Path) -> None:
+    nbformat = pytest.importorskip("nbformat")
+    pytest.importorskip("jupytext")
+    text = page.read_text(encoding="utf-8")
+    made = generate.notebook(text, page.stem)
+    nbformat.validate(made)
+    blocks = [block for block in blocks_of(text) if block.kind == "python"]
+    assert [cell.source for cell in made.cells if cell.cell_type == "code"] == [block.text.rstrip("\n") for block in blocks]
+    words = "\n".join(cell.source for cell in made.cells if cell.cell_type == "markdown")
+    assert words.startswith("# ") and "folder of the clone" in words and ".md" not in re.sub(r"`[^`]*`", "", words)
+    assert not [block.shown for block in blocks if block.shown and block.shown in words]  # running makes it anew
+    assert not [block.picture for block in blocks if block.picture and Path(block.picture).name in words]
+    shown = re.findall(r"\]\(attachment:([\w.-]+)\)", words)
+    assert shown == [name for cell in made.cells for name in cell.get("attachments", {})] and "](../pictures" not in words
+
+
+def test_a_notebook_runs_and_shows_its_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbclient, jupytext = pytest.importorskip("nbclient"), pytest.importorskip("jupytext")
+    pytest.importorskip("ipykernel")
+    (tmp_path / "meshes").symlink_to(DOCS.parent / "meshes")
+    monkeypatch.setenv("PYTHONPATH", str(DOCS.parent))
+    made = generate.notebook((DOCS / "tutorials" / "matrices.md").read_text(encoding="utf-8"), "matrices")
+    nbclient.NotebookClient(made, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [one for cell in made.cells if cell.cell_type == "code" for one in cell.outputs]
+    assert "Substructure 'beam': 144 DOF" in "".join(one.text for one in outputs if one.output_type == "stream")
+    assert sum("image/png" in one.get("data", {}) for one in outputs) == 1
+    jupytext.write(made, tmp_path / "matrices.ipynb")
+    assert jupytext.read(tmp_path / "matrices.ipynb").cells[0].source.startswith("# Matrices")
+
+
+def test_the_command_of_the_index_makes_a_notebook(tmp_path: Path) -> None:
+    jupytext = pytest.importorskip("jupytext.cli")
+    words = (DOCS / "tutorials" / "index.md").read_text(encoding="utf-8")
+    command = re.search(r"`jupytext (--to ipynb) --output (\S+) (\S+)`", words)
+    assert command is not None
+    page, made = DOCS.parent / command[3], tmp_path / command[2]
+    jupytext.jupytext([*command[1].split(), "--output", str(made), str(page)])
+    cells = json.loads(made.read_text(encoding="utf-8"))["cells"]
+    assert sum(cell["cell_type"] == "code" for cell in cells) == len(blocks_of(page.read_text(encoding="utf-8")))
+
+
+# search
+
+@pytest.mark.parametrize(("asked", "page"), [
+    ("sensitivity", "guide/what-helps"), ("effective mass", "guide/mode-cards"), ("map", "guide/stability-maps"),
+    ("damping", "guide/components")])
+def test_the_search_finds_a_heading_of_the_guide(asked: str, page: str) -> None:
+    """The site's search stems words; titles and headings come before text."""
+    pytest.importorskip("sphinx")
+    from sphinx.search.en import SearchEnglish
+
+    stem = SearchEnglish({}).stem
+    headings = re.findall(r"^#+ (.+)$", (DOCS / f"{page}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    stems = [{stem(word) for word in re.findall(r"\w+", heading.lower())} for heading in headings]
+    assert any({stem(word) for word in asked.split()} <= found for found in stems), headings

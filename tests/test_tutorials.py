@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import femsub as fs
-from benchmarks import tutorial_figures
+from benchmarks.pages import BLOCK, blocks_of
 
 ROOT = Path(__file__).parent.parent
 TUTORIALS = ROOT / "docs" / "tutorials"
+PAGES = [page for page in sorted(TUTORIALS.glob("*.md")) if page.stem != "index"]
 
 
 def test_the_page_on_a_disc_shows_the_geometry_of_its_mesh() -> None:
@@ -35,26 +36,42 @@ def test_the_beam_of_calculix_has_the_frequencies_that_calculix_prints() -> None
     assert fs.normal_modes(beam, count=4).frequencies / 2 / np.pi == pytest.approx(hertz, abs=6e-4)
 
 
-def test_each_picture_is_drawn_by_the_script_and_shown_on_a_page() -> None:
-    stored = {path.stem for path in (ROOT / "docs" / "pictures" / "tutorials").glob("*.png")}
-    assert stored == set(tutorial_figures.FIGURES)
-    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*/*.md"))
-    assert stored == set(re.findall(r"pictures/tutorials/([\w-]+)\.png", pages))
+def test_each_picture_of_a_tutorial_is_drawn_by_its_page_which_else_says_how() -> None:
+    drawn: list[str] = []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        own = [block.picture for block in blocks_of(text) if block.picture]
+        shown = re.findall(r"!\[[^\]]+\]\(\.\./pictures/([^)]+)\)", text)
+        assert own, f"{page.name} draws no figure"
+        assert own == [place for place in shown if place.startswith("tutorials/")], page
+        for place in set(shown) - set(own):  # of a scene or of a benchmark, which other pages show as well
+            name = Path(place).stem
+            assert re.search(rf"`(femsub run {name}|python -m benchmarks\s{name}) ", text) or \
+                re.search(rf"`femsub run {name.partition('-')[0]} ", text), f"{page.name} does not say how {place} is drawn"
+        drawn += own
+    assert sorted(drawn) == sorted(f"tutorials/{path.name}" for path in (ROOT / "docs" / "pictures" / "tutorials").glob("*.png"))
 
 
-def test_the_script_draws(tmp_path: Path) -> None:
-    tutorial_figures.main(("matrices",), out=tmp_path / "new")
-    assert [path.name for path in tmp_path.rglob("*.png")] == ["matrices.png"]
-    assert (tmp_path / "new" / "matrices.png").read_bytes().startswith(b"\x89PNG")
+def test_the_brake_engineer_s_hour_fits_in_80_lines_and_each_step_has_a_figure() -> None:
+    text = (TUTORIALS / "your-brake.md").read_text(encoding="utf-8")
+    blocks = blocks_of(text)
+    assert sum(bool(line.strip()) for block in blocks for line in block.text.splitlines()) <= 80
+    assert all(block.picture for block in blocks[1:]) and len(blocks) >= 8  # the first one reads the meshes
+    for name in ("disc", "pad"):  # the meshes of the page, whose places the page names
+        mesh, geo = ROOT / "meshes" / f"brake-{name}.msh", (ROOT / "meshes" / f"brake-{name}.geo").read_text(encoding="utf-8")
+        assert mesh.stat().st_size < 400e3
+        assert set(fs.read_mesh(mesh).sets) == set(re.findall(r'Physical \w+\("(\w+)"\)', geo))
+    shown = re.findall(r"^Physical .*$", text, re.MULTILINE)
+    assert shown and all(line in (ROOT / "meshes" / "brake-disc.geo").read_text(encoding="utf-8") for line in shown)
 
 
 def test_each_tutorial_begins_with_what_one_knows_at_its_end() -> None:
-    pages = [page for page in TUTORIALS.glob("*.md") if page.stem != "index"]
-    assert len(pages) >= 6
-    for page in pages:
+    assert len(PAGES) >= 6
+    for page in PAGES:
         text = page.read_text(encoding="utf-8")
         begin = text.split("\n## ")[0]
         assert "At the end you know:" in " ".join(begin.split()), page
         assert begin.count("\n- ") == 3, page
         assert "\n## What next\n" in text and "](../pictures/" in text, page
-        assert 80 <= len(text.splitlines()) <= 160, page
+        own = BLOCK.sub(lambda block: "" if block[1] == "text" else block[0], text)  # without what its blocks print
+        assert 80 <= len(own.splitlines()) <= 160, page

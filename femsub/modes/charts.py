@@ -145,11 +145,23 @@ def frequencies_chart(modes: NormalModes, title: str) -> Chart:
     return Chart("modes", title, [Panel(series, "number of the mode  [-]", "ω  [rad/time]", whole="x")], width=0.8)
 
 
-def receptances_chart(found: FrequencyResponse, title: str, most: int) -> Chart:
-    """|h| with its bound, and the phase, over ω, of each load and response; the first `most` pairs where there are more."""
+def receptances_chart(found: FrequencyResponse, title: str, most: int, full: FrequencyResponse | None = None) -> Chart:
+    """|h| with its bound, and the phase, over ω, of each load and response; the first `most` pairs where there are more.
+
+    Those of the full model lie behind, and the error against it is a panel of its own.
+    """
     pairs = [(i, j) for j in range(len(found.loads)) for i in range(len(found.responses))]
-    size, phase = list[Series](), list[Series]()
+    size, phase, off = list[Series](), list[Series](), list[Series]()
+    error = None if full is None else found.error(full)
     for at, (i, j) in enumerate(pairs[:most]):
+        if full is not None and error is not None:
+            exact = full.receptance[:, i, j]
+            behind = Series("full model", full.omega, np.abs(exact), line="solid", marker="", colour="#b0b0b0", width=3.5,
+                            legend=at == 0)
+            size.append(behind)
+            phase.append(replace(behind, y=np.degrees(np.angle(exact)), legend=False))
+            off.append(Series(f"{full.responses[i]} by {full.loads[j]}", found.omega, floored(error[:, i, j] / np.abs(exact)),
+                              line="solid", marker="", colour=f"C{at % 10}", legend=False))
         h, bound = found.receptance[:, i, j], found.bound[:, i, j]
         word = f"{found.responses[i]} by {found.loads[j]}"
         one = Series(word, found.omega, np.abs(h), line="solid", marker="", colour=f"C{at % 10}")
@@ -159,8 +171,11 @@ def receptances_chart(found: FrequencyResponse, title: str, most: int) -> Chart:
         phase.append(replace(one, y=np.degrees(np.angle(h))))
     share = {"x": "omega"}
     left = f"{most} of {len(pairs)} pairs of load and response are drawn" if len(pairs) > most else ""
-    return Chart("response", title, [Panel(size, "ω  [rad/time]", "|h|  [length/force]", logs="y", share=share),
-                                     Panel(phase, "ω  [rad/time]", "phase of h  [°]", share=share)], about=left, height=2.2)
+    panels = [Panel(size, "ω  [rad/time]", "|h|  [length/force]", logs="y", share=share),
+              Panel(phase, "ω  [rad/time]", "phase of h  [°]", share=share)]
+    if off:
+        panels.append(Panel(off, "ω  [rad/time]", "bound of the error over |h|  [-]", logs="y", rounding=True, share=share))
+    return Chart("response", title, panels, about=left, height=2.2)
 
 
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:

@@ -144,9 +144,12 @@ class FrequencyResponse(Frozen, Displayed):
                          "error_local": float((error / size).max()), "evidence": self.evidence})
         return rows
 
-    def chart(self, title: str = "Receptance", most: int = 8) -> Chart:
-        """|h| and its phase over ω, dotted within the bounds of the error where these are seen, of `most` pairs at most."""
-        return receptances_chart(self, title, most)
+    def chart(self, title: str = "Receptance", most: int = 8, full: FrequencyResponse | None = None) -> Chart:
+        """|h| and its phase over ω, dotted within the bounds of the error where these are seen, of `most` pairs at most.
+
+        With that of the `full` model its curves are grey behind, and below is the bound of the error against it, over |h|.
+        """
+        return receptances_chart(self, title, most, full)
 
     @classmethod
     def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,

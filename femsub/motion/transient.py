@@ -31,6 +31,7 @@ from femsub.checks import (
     word,
 )
 from femsub.coupling import STICKING
+from femsub.model import ReducedSubstructure
 from femsub.motion.charts import Track, motion_chart
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.generalised_alpha import AlphaFlow
@@ -189,7 +190,8 @@ class Transient(Displayed):
 
         The window is by default the last quarter.
         """
-        return motion_chart(self.seen(port, window), title)
+        reduced = isinstance(self.contact.model, ReducedSubstructure)
+        return motion_chart(self.seen(port, window, "reduced" if reduced else "full"), title)
 
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""

@@ -6,7 +6,7 @@ import io
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -62,8 +62,11 @@ def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -
                     first = min(column, key=lambda other: panels[other].rowspan.start)
                     first.secondary_xaxis("top", functions=HERTZ).set_xlabel("f  [Hz]")
                 if "[rad/s]" in axis.get_ylabel():
-                    row = sorted((other for other in panels if panels[other].rowspan == place.rowspan),
-                                 key=lambda other: panels[other].colspan.start)
+                    after = sorted((other for other in panels if panels[other].rowspan == place.rowspan
+                                    and panels[other].colspan.start > place.colspan.start),
+                                   key=lambda other: panels[other].colspan.start)
+                    # panels of the same label have none of their own
+                    row = [axis, *takewhile(lambda other: not other.get_ylabel(), after)]
                     shared = axis.get_shared_y_axes()
                     for other in row if not shared.joined(axis, row[-1]) else row[-1:]:
                         hertz = other.secondary_yaxis("right", functions=HERTZ)
@@ -137,8 +140,8 @@ def draw(chart: Chart) -> Any:
     for axis, panel in zip(axes, shown, strict=False):
         if "x" in panel.logs:
             few_decades(axis)
-        elif across > 2 and "x" not in panel.linear and panel.heat is None:  # all numbers have room
-            axis.locator_params(axis="x", nbins=5)
+        elif across > 1 and "x" not in panel.linear and panel.heat is None:  # all numbers have room, those of six digits, too
+            axis.locator_params(axis="x", nbins=5 if across > 2 else 6)
         for which in panel.whole:
             getattr(axis, f"{which}axis").set_major_locator(_matplotlib().ticker.MaxNLocator(integer=True, min_n_ticks=1))
     legend_below(figure, axes[:len(shown)], chart.columns)

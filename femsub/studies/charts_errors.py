@@ -67,6 +67,28 @@ def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
     return Chart(name, f"{title}: error against run time at one μ", panels, len(kinds), LEGEND, NOTE, columns=3)
 
 
+def size_chart(found: Study, title: str) -> Chart:
+    """The known errors over the DOF of the models, side by side."""
+    kinds = [kind for kind in (SYSTEM[:4] if found.between is None else FRICTION)
+             if any(np.isfinite(getattr(row, kind)) and getattr(row, kind) > 0 for row in found.rows)]
+    panels = []
+    for kind in kinds:
+        series = []
+        for method, rows in grouped(found.rows, "method").items():
+            own = sorted(rows, key=lambda row: row.size)
+            series.append(Series(look(method).label, [row.size for row in own], floored(getattr(row, kind) for row in own),
+                                 method, "solid", hover={"modes": [row.modes for row in own]}))
+        panels.append(Panel(series, "DOF of the reduced model  [-]", "relative error  [-]", _title(found, kind), rounding=True,
+                            share={"y": "error"}, whole="x"))
+    lo, hi = found.band
+    return Chart("sizes", f"{title}: error over size, band {lo:g} to {hi:.6g} rad/time", panels, min(len(panels), 3))
+
+
+def _title(found: Study, kind: str) -> str:
+    """What an error is that of."""
+    return NAMES.get(kind, f"critical {found.symbol or 'slope'}")
+
+
 def _chart(name: str, studies: Sequence[Study], title: str, panels: Sequence[Panel], across: int,
            about: Sequence[str] = ()) -> Chart:
     (lo, hi), runs = studies[0].band, studies[0].repeats
@@ -114,6 +136,5 @@ def _panel(found: Study, rows: Sequence[Row], kind: str, full: Level, y: str) ->
                                  marker=mark, size=size, hollow=True))
     times = [time for row in rows for time in (*astuple(row.solution), *astuple(row.whole)) if time > 0] + [full.at]
     limits = {"x": (min(times) / 1.7, max(times) * 1.7)} if min(times) > 0 else {}
-    title = NAMES.get(kind, f"critical {found.symbol or 'slope'}")
-    return Panel(series, "run time  [s]", y, title, logs="xy", levels=[full], limits=limits, rounding=True, share={"x": "time"},
-                 among="errors")
+    return Panel(series, "run time  [s]", y, _title(found, kind), logs="xy", levels=[full], limits=limits, rounding=True,
+                 share={"x": "time"}, among="errors")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from femsub.checks import positive_number
+from femsub.checks import choice, positive_number
 from femsub.output import STABLE, Advice, Chart, Column, Displayed, Table, column, fitted, grouped, label, sentence, span
-from femsub.studies.charts_errors import study_chart
+from femsub.studies.charts_errors import size_chart, study_chart
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -234,8 +234,10 @@ class Study(Displayed):
         """A row for the full model and one for each reduced model."""
         return [Table("compare", self.flat, self._columns(), f"Errors and run times of {self.name}", keys=2)]
 
-    def chart(self, title: str = "") -> Chart:
-        """Errors against run time."""
+    def chart(self, title: str = "", over: str = "time") -> Chart:
+        """Errors against run time, or over the DOF of the models with `over="size"`."""
+        if choice("over", over, ("time", "size")) == "size":
+            return size_chart(self, title or self.name)
         return study_chart(self, title or self.name)
 
     @property
