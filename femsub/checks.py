@@ -51,7 +51,8 @@ NOT_CHECKED = "not checked"
 #: The extras of pyproject.toml, by the packages for which femsub asks; the plain set-up brings those of ''.
 EXTRAS = {"numpy": "", "scipy": "", "lazy_loader": "", "threadpoolctl": "", "dolfinx-solver-real": "", "matplotlib": "figures",
           "scikit-fem": "fe", "meshio": "fe", "plotly": "page", "pyyeti": "nastran", "h5py": "matlab",
-          "ansys-mapdl-reader": "ansys", "shtab": "completion", "pandas": "frames"}
+          "ansys-mapdl-reader": "ansys", "shtab": "completion", "pandas": "frames",
+          "pyvista": "window"}
 
 #: classes that Python counts among the numbers; NumPy's spans of time are whole numbers to it
 NO_NUMBERS = ("bool", "timedelta64")

@@ -362,6 +362,11 @@ def bar() -> tuple[fs.Mesh, fs.Substructure]:
     return mesh, fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["left"], interface=["right"])
 
 
+def plate() -> tuple[fs.Mesh, fs.Substructure]:
+    mesh = fs.rectangle((1.0, 0.5), (6, 3))
+    return mesh, fs.plate(mesh, E=2.1e11, nu=0.3, rho=7850.0, thickness=0.01, supports={"left": "clamped"})
+
+
 def drawn(figure: Any) -> int:
     return sum(bool(axis.get_title()) for axis in figure.axes)
 
@@ -378,6 +383,30 @@ def test_shapes_are_drawn_on_the_mesh_of_the_full_and_of_the_reduced_model() -> 
     for one in fields:
         one /= one.ravel()[abs(one).argmax()]
     np.testing.assert_allclose(fields[0], fields[1], atol=0.05)
+
+
+@pytest.mark.parametrize("make", [lambda: (*bar(), 6), lambda: (*plate(), 4)], ids=["solid", "plate"])
+def test_a_window_shows_the_moved_meshes(make: Callable[[], tuple[fs.Mesh, fs.Substructure, int]]) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    mesh, full, count = make()
+    found = fs.normal_modes(full, count=count)
+    window = found.plot_shapes(full, mesh, range(count), units="SI", window=True)
+    try:
+        assert isinstance(window, pyvista.Plotter) and window.shape == (-(-count // 3), 3)
+        body = next(iter(window.renderers[0].actors.values())).mapper.dataset
+        rest = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1])))
+        apart = np.linalg.norm(body.points - rest, axis=1)
+        size = body["displacement / largest  [-]"]
+        assert size.max() == pytest.approx(1) and apart == pytest.approx(apart.max() * size, abs=1e-6 * apart.max() + 1e-7)
+    finally:
+        window.close()
+
+
+def test_a_window_without_pyvista_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    mesh, full = bar()
+    with pytest.raises(fs.MissingPackageError, match=r"PyVista: .*(setup window|install .*pyvista)"):
+        fs.normal_modes(full, count=2).plot_shapes(full, mesh, window=True)
 
 
 def test_complex_shapes_stand_at_the_phase_of_their_largest_displacement() -> None:

@@ -20,7 +20,13 @@ from .mesh import (
     places_of as places_of,
 )
 from .mesh_checks import checked as checked
-from .pictures import draw_solid as draw_solid, parts_figure as parts_figure, shapes_figure as shapes_figure, triad as triad
+from .pictures import (
+    draw_solid as draw_solid,
+    parts_figure as parts_figure,
+    shapes_figure as shapes_figure,
+    shapes_window as shapes_window,
+    triad as triad,
+)
 from .small_models import (
     disc_pair as disc_pair,
     two_mode as two_mode,

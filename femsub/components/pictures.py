@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from femsub.checks import Array
+from femsub.checks import Array, package
 from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
 from femsub.output import PAGE, SIZES, legend_below, new_figure
 
@@ -73,6 +73,27 @@ def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, 
     legend_below(figure, axes.ravel(), 5)
     figure.suptitle(title)
     return figure
+
+
+def shapes_window(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str) -> Any:
+    """The fields of `shapes_figure` as a `pyvista.Plotter`: `.show()` opens a window, or a view in a notebook."""
+    from matplotlib.font_manager import findfont
+
+    pyvista = package("pyvista", "shapes in a window need PyVista", "pyvista")
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1])))
+    faces = corner_nodes(mesh, *boundary_faces(mesh)) if mesh.dimension == 3 else mesh.cells
+    cells = np.column_stack([np.full(len(faces), faces.shape[1]), faces]).ravel()
+    columns = min(len(titles), 3)
+    window = pyvista.Plotter(shape=(-(-len(titles) // columns), columns), title=title)
+    for k, (u, label) in enumerate(zip(np.moveaxis(shapes, -1, 0), titles, strict=True)):
+        window.subplot(*divmod(k, columns))
+        moved = points + SIZES.stretch * np.ptp(points, axis=0).max() * u
+        body = pyvista.PolyData(moved, **{"lines" if mesh.dimension == 1 else "faces": cells})
+        body["displacement / largest  [-]"] = np.linalg.norm(u, axis=1)
+        window.add_mesh(body, clim=(0, 1), cmap="viridis", show_edges=mesh.dimension > 1)
+        window.add_text(label, font_size=8, font_file=findfont("DejaVu Sans"))  # its own fonts have no ω
+    window.link_views()
+    return window
 
 
 def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from femsub.checks import Array, InputError, whole_numbers
-from femsub.components import joined_shapes, moved_fields, shapes_figure, turned
+from femsub.components import joined_shapes, moved_fields, shapes_figure, shapes_window, turned
 from femsub.output import Displayed, figure_of, units_of
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Shaped(Displayed):
         raise NotImplementedError
 
     def plot_shapes(self, model: Substructure, meshes: Mesh | Mapping[str, Mesh], modes: Sequence[int] | None = None, *,
-                    title: str = "", units: Any = "") -> Any:
+                    title: str = "", units: Any = "", window: bool = False) -> Any:
         """A figure of shapes on their meshes, the largest displacement of each 1; complex ones at the phase of that displacement.
 
         Parameters
@@ -45,11 +45,16 @@ class Shaped(Displayed):
         title : str
         units : str or mapping
             See `plot`.
+        window : bool
+            Return a `pyvista.Plotter` in place of a figure, whose `.show()` opens a window, or a view in a notebook, to turn and
+            to zoom. Needs PyVista (`scripts/setup window`).
 
         Raises
         ------
         InputError
             No mode of this number; a mesh of no part, or of another part; DOF that are not known by nodes and directions.
+        MissingPackageError
+            A window without PyVista.
 
         Examples
         --------
@@ -66,4 +71,7 @@ class Shaped(Displayed):
             raise InputError(f"modes must be positions among {count} modes, not {modes if modes is not None else chosen}")
         mesh, fields = joined_shapes(*moved_fields(model, self.shapes[:, chosen], meshes))
         titles = [self.title_of(i) for i in chosen]
-        return figure_of(lambda: shapes_figure(mesh, turned(fields).real, titles, title or "Modes", {}), units_of(units))
+        shapes, title = turned(fields).real, title or "Modes"
+        if window:
+            return shapes_window(mesh, shapes, [units_of(units).said(one) for one in titles], title)
+        return figure_of(lambda: shapes_figure(mesh, shapes, titles, title, {}), units_of(units))
