@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from html import escape
 from types import ModuleType
@@ -438,7 +438,8 @@ def test_shapes_that_cannot_be_drawn_are_refused() -> None:
         found.plot_shapes(full, mesh, [2])
     with pytest.raises(fs.InputError, match="no DOF map"):
         fs.normal_modes(model(), count=2).plot_shapes(model(), mesh)
-    tetrahedra = fs.block((1.0, 0.1, 0.1), (8, 1, 1), "tetra")
-    meshes: Mapping[str, fs.Mesh] = {"a": mesh, "b": tetrahedra}
+    other = fs.block((1.0, 0.1, 0.1), (8, 1, 1), "tetra")
+    two = {"a": full, "b": fs.solid(other, fs.Material(2.1e11, 0.3, 7850.0), interface=["left"])}
+    system = fs.couple(two, [fs.Rigid(("a", "right"), ("b", "left"), tol=np.inf)])
     with pytest.raises(fs.InputError, match="one kind of cells, but are of hexahedron, tetra"):
-        fs.components.joined_shapes(list(meshes.values()), [np.zeros((len(one.points), 3, 1)) for one in meshes.values()])
+        fs.normal_modes(system, count=2).plot_shapes(system, {"a": mesh, "b": other})

@@ -84,21 +84,22 @@ def moved_fields(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mesh
     return list(named.values()), fields
 
 
-def joined_shapes(meshes: Sequence[Mesh], fields: Sequence[Array]) -> tuple[Mesh, Array]:
-    """Meshes of one kind as one, which share no nodes, and fields (nodes, 3, k) on it, the largest displacement of each 1.
+def joined_shapes(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mesh]) -> tuple[Mesh, Array]:
+    """`moved_fields` on one mesh, whose parts share no nodes: (nodes, 3, k), the largest displacement of each 1.
 
     Raises
     ------
     InputError
-        Meshes of several kinds.
+        As there, or meshes of several kinds.
     """
-    kinds = sorted({mesh.kind for mesh in meshes})
+    parts, fields = moved_fields(model, q, meshes)
+    kinds = sorted({mesh.kind for mesh in parts})
     if len(kinds) != 1:
         raise InputError(f"meshes must be of one kind of cells, but are of {', '.join(kinds) or 'none'}: draw those of each kind "
                          "apart")
-    shapes = np.concatenate(list(fields))
+    shapes = np.concatenate(fields)
     largest = np.linalg.norm(shapes, axis=1).max(axis=0)
-    return joined_mesh(meshes), shapes / np.where(largest > 0, largest, 1.0)
+    return joined_mesh(parts), shapes / np.where(largest > 0, largest, 1.0)
 
 
 def joined_mesh(meshes: Sequence[Mesh], groups: Mapping[str, Array] | None = None) -> Mesh:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from femsub.checks import Array, InputError, whole_numbers
-from femsub.components import joined_shapes, moved_fields, shapes_figure, shapes_window, turned
+from femsub.components import joined_shapes, shapes_figure, shapes_window, turned
 from femsub.output import Displayed, figure_of, units_of
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ class Shaped(Displayed):
         chosen = self.drawn_first()[:SHAPES] if modes is None else whole_numbers("modes", modes).tolist()
         if not chosen or not all(-count <= i < count for i in chosen):
             raise InputError(f"modes must be positions among {count} modes, not {modes if modes is not None else chosen}")
-        mesh, fields = joined_shapes(*moved_fields(model, self.shapes[:, chosen], meshes))
+        mesh, fields = joined_shapes(model, self.shapes[:, chosen], meshes)
         titles = [self.title_of(i) for i in chosen]
         shapes, title = turned(fields).real, title or "Modes"
         if window:

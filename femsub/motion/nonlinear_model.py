@@ -106,6 +106,11 @@ class Sliding:
         return replace(self, contacts=tuple(contacts), moving=moving)
 
     @property
+    def kind(self) -> str:
+        """What a chart calls the model: full or reduced."""
+        return "reduced" if isinstance(self.model, ReducedSubstructure) else "full"
+
+    @property
     def ports(self) -> list[str]:
         """The ports of all contacts, each once."""
         return list(dict.fromkeys(port for contact in self.contacts for port in contact.ports))

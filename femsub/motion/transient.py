@@ -31,7 +31,6 @@ from femsub.checks import (
     word,
 )
 from femsub.coupling import STICKING
-from femsub.model import ReducedSubstructure
 from femsub.motion.charts import Track, motion_chart
 from femsub.motion.first_order import METHODS, Flow
 from femsub.motion.generalised_alpha import AlphaFlow
@@ -190,8 +189,7 @@ class Transient(Displayed):
 
         The window is by default the last quarter.
         """
-        reduced = isinstance(self.contact.model, ReducedSubstructure)
-        return motion_chart(self.seen(port, window, "reduced" if reduced else "full"), title)
+        return motion_chart(self.seen(port, window, self.contact.kind), title)
 
     def friction(self, name: str) -> Array:
         """F μ(v0 - wᵀq̇(t)) under a belt."""
