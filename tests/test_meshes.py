@@ -305,6 +305,9 @@ SHIPPED = {  # kind, size (volume or area), how near cells come to it, sets
     **{f"brake-{side}board.vtu": (
         "hexahedron20", np.pi / 360 * (60 * (0.142**2 - 0.098**2) * 0.011 + 66 * (0.146**2 - 0.094**2) * 0.005), 1e-5,
         {"lining", "plate", "face", "back", "leading", "trailing"}) for side in ("in", "out")},
+    "brake-disc.msh": ("hexahedron20", np.pi * (0.15**2 - 0.055**2) * 0.012, 2e-5, {"disc", "hub", "inboard", "outboard"}),
+    "brake-pad.msh": ("hexahedron20", np.pi * 50 / 360 * (0.145**2 - 0.095**2) * 0.016, 2e-5,
+                      {"lining", "plate", "face", "back", "leading", "trailing"}),
     "bracket.msh": ("tetra10", (0.12 + 0.1) * 0.08 * 0.01 - 4 * np.pi * 0.006**2 * 0.01, 1e-3, {"bolts", "tip", "bracket"}),
     "disc-with-pad.msh": ("tetra10", np.pi * (0.15**2 - 0.05**2) * 0.012, 1e-3, {"inner", "pad", "disc"}),
 }

@@ -174,6 +174,8 @@ def free_disc() -> fs.Rotor:
     return fs.rotating(fs.solid(mesh, STEEL), mesh, STEEL)
 
 
+# tilting has no stiffness but for the rounding of the products below, of which some processors leave enough for a warning
+@pytest.mark.filterwarnings("ignore:.*rigid-body motion, although K:femsub.checks.ConditionWarning")
 @pytest.mark.parametrize(("wave", "circles"), [(1, 0), (2, 0), (3, 0), (0, 1), (2, 1)])
 def test_a_spinning_membrane(wave: int, circles: int) -> None:
     """Lamb and Southwell, Proc. R. Soc. Lond. A 99 (1921) 272-280: a full disc without bending stiffness, ω²/Ω² in its frame is
