@@ -44,7 +44,7 @@ def test_lists_that_differ_by_a_digit_or_a_mode_are_seen() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turns", [1.0, 7.5])
+@pytest.mark.parametrize("turns", [pytest.param(1.0, marks=pytest.mark.rare), 7.5])
 @pytest.mark.skipif(not M0.exists(), reason="the matrices of others are not there")
 def test_eigenvalues_are_those_that_the_authors_program_printed(turns: float) -> None:
     modes, theirs = fs.complex_modes(brake(M0).at(speed=TURN * turns), band=BAND), printed()[turns]
