@@ -91,7 +91,7 @@ def shapes_window(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str) 
         body = pyvista.PolyData(moved, **{"lines" if mesh.dimension == 1 else "faces": cells})
         body["displacement / largest  [-]"] = np.linalg.norm(u, axis=1)
         window.add_mesh(body, clim=(0, 1), cmap="viridis", show_edges=mesh.dimension > 1)
-        window.add_text(label, font_size=8, font_file=findfont("DejaVu Sans"))  # its own fonts have no ω
+        window.add_text(label, font_size=8, font_file=findfont("DejaVu Sans"))  # the fonts of VTK have no ω
     window.link_views()
     return window
 

@@ -150,25 +150,23 @@ def receptances_chart(found: FrequencyResponse, title: str, most: int, full: Fre
 
     Those of the full model lie behind, and the error against it is a panel of its own.
     """
-    pairs = [(i, j) for j in range(len(found.loads)) for i in range(len(found.responses))]
+    pairs = [(i, j) for j in range(len(found.loads)) for i in range(len(found.responses))]  # the order of `curves`
     size, phase, off = list[Series](), list[Series](), list[Series]()
-    error = None if full is None else found.error(full)
-    for at, (i, j) in enumerate(pairs[:most]):
-        if full is not None and error is not None:
-            exact = full.receptance[:, i, j]
-            behind = Series("full model", full.omega, np.abs(exact), line="solid", marker="", colour="#b0b0b0", width=3.5,
-                            legend=at == 0)
-            size.append(behind)
-            phase.append(replace(behind, y=np.degrees(np.angle(exact)), legend=False))
-            off.append(Series(f"{full.responses[i]} by {full.loads[j]}", found.omega, floored(error[:, i, j] / np.abs(exact)),
-                              line="solid", marker="", colour=f"C{at % 10}", legend=False))
-        h, bound = found.receptance[:, i, j], found.bound[:, i, j]
-        word = f"{found.responses[i]} by {found.loads[j]}"
-        one = Series(word, found.omega, np.abs(h), line="solid", marker="", colour=f"C{at % 10}")
-        size += [one, *(replace(one, name="what the bound admits", y=np.maximum(np.abs(h) + sign * bound, np.abs(h) * ROUNDING),
+    own, exact = found.curves(full), [] if full is None else full.curves()
+    for at, ((i, j), curve) in enumerate(zip(pairs[:most], own, strict=False)):
+        for behind in exact[at:at + 1]:
+            grey = Series("full model", behind["omega"], behind["magnitude"], line="solid", marker="", colour="#b0b0b0",
+                          width=3.5, legend=at == 0)
+            size.append(grey)
+            phase.append(replace(grey, y=behind["phase"], legend=False))
+        h, bound = curve["magnitude"], found.bound[:, i, j]
+        one = Series(f"{found.responses[i]} by {found.loads[j]}", found.omega, h, line="solid", marker="", colour=f"C{at % 10}")
+        size += [one, *(replace(one, name="what the bound admits", y=np.maximum(h + sign * bound, h * ROUNDING),
                                 line="dot", width=0.6, colour="#808080", legend=at == 0) for sign in (-1, 1)
-                        if np.isfinite(bound).all() and (bound > 0.01 * np.abs(h)).any())]
-        phase.append(replace(one, y=np.degrees(np.angle(h))))
+                        if np.isfinite(bound).all() and (bound > 0.01 * h).any())]
+        phase.append(replace(one, y=curve["phase"]))
+        if "error" in curve:
+            off.append(replace(one, y=floored(curve["error"]), legend=False))
     share = {"x": "omega"}
     left = f"{most} of {len(pairs)} pairs of load and response are drawn" if len(pairs) > most else ""
     panels = [Panel(size, "ω  [rad/time]", "|h|  [length/force]", logs="y", share=share),

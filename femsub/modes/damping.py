@@ -100,7 +100,7 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
         else:
             modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
             each = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
-        forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * each * modes.frequencies[modes.rigid:])
+        forces = (sub.M @ modes.shapes[:, modes.rigid:]) * np.sqrt(2 * each * modes.elastic)
         D = D + forces @ forces.T
 
     # dashpots: Σ c w wᵀ, sparse

@@ -168,7 +168,7 @@ class NormalModes(Shaped):
 
     def elastic_band(self, count: int, beside: float = 0.02) -> tuple[float, float]:
         """From 0 to `beside` beyond so many elastic modes, and beyond those so close above them that the end would part them."""
-        omega = self.frequencies[self.rigid:]
+        omega = self.elastic
         last = min(count, len(omega)) - 1
         while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * beside) * omega[last]:
             last += 1

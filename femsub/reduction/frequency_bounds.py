@@ -133,7 +133,7 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     reach = 1.5 * float(modes.frequencies[modes.rigid + count - 1])
     if len(modes.eigenvalues) < modes.rigid + handle.elastic and modes.frequencies[-1] < reach:
         modes = modes_below(model.K, model.M, reach, handle)
-    omega = modes.frequencies[modes.rigid:]
+    omega = modes.elastic
     found = left_out(model, modes.shapes[:, modes.rigid:] / omega)
     worst = _worst(omega**-2.0, found, count + 1, len(omega) == handle.elastic)
     with np.errstate(divide="ignore"):

@@ -146,7 +146,7 @@ class InterfaceModes(Method):
             # joined to a soft one. In the coordinates that the modes are computed in, the interface shares no stiffness, and this
             # rounding does not show
             modes = all_modes(model.K, model.M, JOINED_RESIDUAL, model.rigid_motion)
-            omega, x = modes.frequencies[modes.rigid:], np.abs(model.V @ modes.shapes[:, modes.rigid:])
+            omega, x = modes.elastic, np.abs(model.V @ modes.shapes[:, modes.rigid:])
             if len(omega):
                 share = EPS * np.einsum("ij,ij->j", x, abs(sub.K) @ x) / (2 * omega**2)
                 of_omega, of_lambda = (share[np.abs(size[:, None] - omega).argmin(axis=1)]

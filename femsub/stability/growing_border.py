@@ -101,7 +101,7 @@ class _Growing:
         self.loose = loose[1]
         self.V = np.hstack([loose[0], modes.shapes[:, modes.rigid:], statics[:, massive]])
         self.K = np.diag(np.concatenate([modes.eigenvalues, stiffness[massive]]))
-        self.frequencies = modes.frequencies[modes.rigid:]
+        self.frequencies = modes.elastic
 
     @property
     def W(self) -> Array:

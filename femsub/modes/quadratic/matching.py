@@ -185,7 +185,7 @@ class SpectrumErrors(NamedTuple):
 
 def rows_beside(modes: NormalModes, reference: Sequence[float]) -> list[dict[str, Any]]:
     """The rows of normal modes; elastic ones have the reference frequency that is theirs, and the relative difference."""
-    rows, own, theirs = modes.rows(), modes.frequencies[modes.rigid:], np.array(reference, dtype=float)
+    rows, own, theirs = modes.rows(), modes.elastic, np.array(reference, dtype=float)
     for at, to in zip(*match(own, theirs), strict=True) if len(theirs) else ():
         if (difference := abs(float(own[at] / theirs[to] - 1))) <= NEAR:
             rows[modes.rigid + at] |= {"reference": float(theirs[to]), "difference": difference}

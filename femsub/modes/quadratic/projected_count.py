@@ -83,7 +83,8 @@ Bounds = tuple[Array, Ends, float]  # shapes of strong damping, the range of dam
 class Varied(NamedTuple):
     """A term θ s^power T that may join a pencil, |θ| ≤ size.
 
-    If the pencil has held (T + Tᵀ)/2 already, and not held (T - Tᵀ)/2, the projection adds that, which needs no term of its own.
+    The pencil may have the symmetric half of `held` T already, without the skew half. The projection adds that: one term, of
+    weight held + θ.
     """
 
     matrix: Matrix

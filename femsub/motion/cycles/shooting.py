@@ -163,7 +163,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     if period is None or not finite_number("period", period) > float(np.finfo(float).tiny):
         raise InputError(f"shooting from a state needs a positive period, not {period!r}")
     modes = all_modes(model.K, model.M, carried=model.rigid_motion)
-    turns = period * modes.frequencies[modes.rigid:][:1] / (2 * np.pi)
+    turns = period * modes.elastic[:1] / (2 * np.pi)
     if (turns > OSCILLATIONS).any():
         raise InputError(f"period={period:.6g} contains {turns[0]:.3g} oscillations of the lowest mode, but at most "
                          f"{OSCILLATIONS} are allowed. Give the period in the model's unit of time")

@@ -62,7 +62,7 @@ class FoundModes:
         How many that takes is extrapolated from the modes found so far.
         """
         while not self.complete and self.top <= limit:
-            omega = self.found.frequencies[self.found.rigid:]
+            omega = self.found.elastic
             half = len(omega) // 2
             power = np.log(len(omega) / half) / max(np.log(omega[-1] / omega[half - 1]), 1e-3) if half else 1.0
             guess = len(omega) * (limit / omega[-1]) ** min(max(power, 0.5), 3.0)

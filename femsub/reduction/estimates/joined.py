@@ -195,7 +195,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     space, small = JoinedSpace(full, statics, contacts, goal.band[1]), rom.pencil.dense()
     space.reach(goal.band[1])
     found = all_modes(small.K, small.M, JOINED_RESIDUAL, rom.rigid_motion)
-    omega, rounding = found.frequencies[found.rigid:], found.rounding[found.rigid:]
+    omega, rounding = found.elastic, found.rounding[found.rigid:]
     values = None
     if space.damped:
         modes = complex_modes(rom.linearised(contacts, structural=True).dense())

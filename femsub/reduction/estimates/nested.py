@@ -189,7 +189,7 @@ class Nested:
                                           subset_by_value=(self.limit**-2, np.inf))
                 return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
         found = all_modes(K, M, JOINED_RESIDUAL, self._carried(len(K)))
-        return found.frequencies[found.rigid:], found.shapes[:, found.rigid:]
+        return found.elastic, found.shapes[:, found.rigid:]
 
     def pencil_up_to_limit(self, M: Array, K: Array) -> tuple[Array, Array]:
         """M and K with rigid motion at twice the limit, so that K is positive definite. The first coordinates are C."""
