@@ -255,6 +255,8 @@ def test_a_floating_system_is_not_held_by_what_its_parts_share(key: str, count: 
     assert np.allclose(elastic(local, 6), elastic(system, 6), rtol=1e-3)
 
 
+# products of the parts' shapes leave two roundings in rigid motion, which some processors' order of sums makes worth a warning
+@pytest.mark.filterwarnings("ignore:.*rigid-body motion, although K:femsub.checks.ConditionWarning")
 @pytest.mark.parametrize("count", [3, 17])
 def test_parts_on_both_sides_of_one_that_is_spread_move_with_it(count: int) -> None:
     """Its generalised coordinates belong to the interfaces of both, and some shapes of one move nothing of the other."""
