@@ -147,8 +147,8 @@ def test_a_flutter_diagram_colours_those_that_couple_and_shows_damping() -> None
     chart = found.chart(crossings=fs.critical_value(three, None, "mu", between=(0.0, 1.0)).losses)
     assert [panel.y for panel in chart.panels] == ["Im λ  [rad/time]", "Re λ  [1/time]", "-Re λ / |λ|  [%]"]
     colours = {one.name: one.colour for one in chart.panels[0].series if one.line}
-    assert {name for name in colours if "mode" in name} >= {"full, modes 1 and 2", "full, other modes"}
-    assert len({one.colour for one in chart.panels[0].series if one.name == "full, modes 1 and 2"}) == 1
+    assert {name for name in colours if "mode" in name} >= {"modes 1 and 2", "other modes"}
+    assert len({one.colour for one in chart.panels[0].series if one.name == "modes 1 and 2"}) == 1
     for panel, values in enumerate((found.eigenvalues.imag, found.eigenvalues.real,
                                     -100 * found.eigenvalues.real / abs(found.eigenvalues))):
         for j in range(values.shape[1]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -407,3 +407,25 @@ def test_without_damping_the_frequencies_decide() -> None:
     assert found.decisive == "error_frequency" and found.recommended(tol) is found.rows[1]
     assert "of the undamped frequencies" in found.recommendation(tol) and "err ω" in found.brief(tol)
     assert "the undamped frequencies in the band are within" in found.advice(tol).decides[0]
+
+
+@dataclass(frozen=True)
+class Rubbing:
+    """Two columns: a normal spring of stiffness 1, and the friction μ of its force along the other."""
+
+    ports: tuple[str, ...] = ("n", "t")
+    mu: float = 0.0
+
+    def linearised(self, model: object) -> tuple[None, np.ndarray]:
+        return None, np.array([[1.0, 0.0], [self.mu, 0.0]])
+
+
+def test_undamped_frequencies_are_those_without_friction() -> None:
+    """At one value of μ alone, the symmetric part of friction's stiffness may make K indefinite: the study ended there."""
+    full = fs.chain(20)
+    full = fs.Substructure(full.M, full.K, full.D, full.interface, {"n": np.eye(20)[5], "t": np.eye(20)[12]})
+    K = full.linearised(Rubbing(mu=3.0)).K.toarray()
+    assert np.linalg.eigvalsh((K + K.T) / 2)[0] < 0
+    one, both = (fs.study(full, [fs.CraigBampton(5)], (0.0, 1.0), contacts=Rubbing(), parameter="mu", values=values, repeats=1)
+                 for values in ((3.0,), (0.0, 3.0)))
+    assert one.rows[0].error_frequency == pytest.approx(both.rows[0].error_frequency) and one.rows[0].error_frequency > 0

@@ -37,6 +37,7 @@ from .contact import (
     fields_of as fields_of,
     kinks_of as kinks_of,
     small_matrices as small_matrices,
+    without as without,
 )
 from .digits import by_diagonal as by_diagonal, over_diagonal as over_diagonal, rounding_of as rounding_of
 from .dof_map import AXES as AXES, LARGEST as LARGEST, MOTIONS as MOTIONS, TRANSLATIONS as TRANSLATIONS, DofMap as DofMap

@@ -174,6 +174,11 @@ def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
     return [replace(one, **{parameter: value}) if parameter in names else one for one, names in zip(given, known, strict=True)]
 
 
+def without(contacts: Contacts, parameter: str = "mu") -> list[Any]:
+    """The contacts with 0 for this field, without friction by default. Those that do not have it stay as they are."""
+    return [replace(one, **{parameter: 0.0}) if parameter in fields_of(one) else one for one in contacts_of(contacts)]
+
+
 def affine_fields(contact: Any) -> tuple[str, ...]:
     """The fields in which a contact's own class says that its matrices are affine."""
     if "affine" not in vars(type(contact)):

@@ -27,10 +27,9 @@ from femsub.model import (
     Pencil,
     ReducedSubstructure,
     Substructure,
-    contacts_at,
     contacts_of,
-    fields_of,
     small_matrices,
+    without,
 )
 from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
 from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table, column, fitted
@@ -325,8 +324,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         if getattr(model, "multipliers", None):
             raise InputError(f"{model.name!r} has Lagrange multipliers, and no real modes of its own. Join its parts with "
                              "assembly='primal'")
-        without = contacts_at(given, parameter, 0.0) if any(parameter in fields_of(one) for one in given) else given
-        still = model.linearised(without, structural=True)
+        still = model.linearised(without(given, parameter), structural=True)
     if len(modes.shapes) != pencil.size:
         raise InputError(f"the modes have {len(modes.shapes)} DOF, but the model has {pencil.size}: are they of another model?")
     if full is not None and not (isinstance(model, ReducedSubstructure) and instance("full", full, Substructure).size
@@ -429,7 +427,7 @@ class Acting(NamedTuple):
 
     @classmethod
     def of(cls, model: Substructure, contact: Contact, parameter: str) -> Acting:
-        still = contacts_at(contact, parameter, 0.0)[0] if parameter in fields_of(contact) else contact
+        still, = without(contact, parameter)
         W, *terms = small_matrices(model, contact)
         damping, C, C0 = (sp.csr_array(A) if sp.issparse(A) or np.ndim(A) else A * sp.eye_array(W.shape[1], format="csr")
                           for A in (*terms, small_matrices(model, still)[2]))

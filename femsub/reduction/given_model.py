@@ -176,7 +176,7 @@ class GivenModel:
     @cached_property
     def projected(self) -> bool:
         """Whether M is that of a Ritz model. MacNeal's is not: its free modes alone have mass."""
-        return self.basis != "free" or self.mass_rank == self.size
+        return self.basis == "held" or self.mass_rank == self.size
 
     @property
     def others(self) -> Array:
@@ -191,7 +191,7 @@ class GivenModel:
                 return ""
             if HELD_KIND in self.kinds or set(self.kinds) <= {"constraint", "rigid", "static port"}:
                 return "held"
-            return "free" if set(self.kinds) & set(FREE_KINDS) else ""
+            return "free" if set(self.kinds) & {*FREE_KINDS, "interface"} else ""
         if self.interface is None or not len(self.interface):
             return ""
         M, K = (A[np.ix_(self.others, self.others)] for A in (self.M, self.K))

@@ -62,9 +62,9 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     that grows by itself, in the order in which they begin to grow; all others are grey. A line is underlaid in red where its mode
     grows. The other models have at most so many `marks` on each branch, filled where a mode grows. Triangles stand at the losses
     and regains of each branch of the first, a narrow diamond where two of them meet, a vertical line at each of `critical`.
-    `tracks` and `critical` have the models by their names, reduced ones by the keys of their methods. `points` are models that
-    were solved at some values only; they have circles. Where a few damped modes would set the scale, it is logarithmic on both
-    sides of 0.
+    `tracks` and `critical` have the models by their names, reduced ones by the keys of their methods; the name of one alone may
+    be ''. `points` are models that were solved at some values only; they have circles. Where a few damped modes would set the
+    scale, it is logarithmic on both sides of 0.
     """
     (model, item), *others = tracks.items()
     called, known = look(model).label, critical.get(model, ())
@@ -73,7 +73,8 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     groups = coupled(item)
     colours = dict(zip([j for group in groups[:len(COLOURS)] for j in group],
                        [colour for group, colour in zip(groups, COLOURS, strict=False) for _ in group], strict=True))
-    words = {j: f"{called}, mode{'s' * (len(group) > 1)} {' and '.join(str(one + 1) for one in group)}" for group in groups
+    of_it = f"{called}, " if called else ""  # of one model alone nothing need be said
+    words = {j: f"{of_it}mode{'s' * (len(group) > 1)} {' and '.join(str(one + 1) for one in group)}" for group in groups
              for j in group}
     lines, wide, shown = list[dict[str, list[Series]]](), list[dict[str, list[Series]]](), set[str]()
     for j in sorted(branches, key=lambda j: j in colours):  # grey ones below
@@ -82,7 +83,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         branch = np.insert(item.eigenvalues[:, j], before, [one.eigenvalue for one in passed[j]])
         grow = np.insert(item.growing[:, j], before, True)
         hover = {"branch": [float(j)] * len(branch), "error bar": np.insert(item.error_bar[:, j], before, np.nan)}
-        word = words[j] if j in colours else f"{called}, other modes" if groups else called
+        word = words[j] if j in colours else f"{of_it}other modes" if groups else called or "modes"
         lines.append(_lines(branch, places, word, hover, line="solid", marker="", colour=colours.get(j, OTHER),
                             width=1.4 if j in colours else 0.8, legend=word not in shown))
         shown.add(word)
@@ -159,7 +160,8 @@ def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str, fe
     seen = [(one.value, "lost" if one.growth[1] > one.growth[0] else "regained") for one in ordered]
     if len(seen) > few:
         seen = [next((one for one in seen if one[1] == "lost"), seen[0])]
-    return [Level(value, f"{name}: stability {word} at {value:.4g}", "x", line, colour if word == "lost" else REGAINED)
+    of_it = f"{name}: " if name else ""
+    return [Level(value, f"{of_it}stability {word} at {value:.4g}", "x", line, colour if word == "lost" else REGAINED)
             for value, word in seen]
 
 

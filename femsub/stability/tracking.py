@@ -114,7 +114,7 @@ class Tracked(Displayed):
         Coupled modes have one colour, others are grey. `crossings` are losses and regains that are known, as of `critical_value`.
         `label` names the parameter with its unit.
         """
-        return flutter_chart("flutter", {"full": self}, {"full": crossings}, label or f"{self.parameter}  [-]", title)
+        return flutter_chart("flutter", {"": self}, {"": crossings}, label or f"{self.parameter}  [-]", title)
 
     def __repr__(self) -> str:
         kinds = [meeting.kind for meeting in self.meetings]

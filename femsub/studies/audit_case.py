@@ -250,11 +250,9 @@ class Case(GivenModel):
             apart = np.abs(known[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1) if len(known) else known
             strange = np.count_nonzero(~(apart <= AGREE))
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
-            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes. Most are where
-            # the model is nearly complete
-            lacking = handle.K.shape[0] - len(own)
-            if not self.kinds and (strange > len(apart) / 2 or 0 < strange <= max(shapes, lacking if lacking < len(own) else 0)
-                                   or (strange and self.V is not None)):
+            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
+            if not self.kinds and strange and (self.V is not None or strange > len(apart) / 2 or strange <= shapes
+                                               or self.herting(own)):
                 return unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
             # the lowest frequency of the full model that the reduced one has not got, as often as it stands there
@@ -275,6 +273,18 @@ class Case(GivenModel):
             return KeptModes(modes, apart, min(first, cut) if np.isfinite(cut) else first, Tally(listed, counted))
         except FemsubError as error:
             return unknown(f"they could not be counted: {error}")
+
+    def herting(self, own: Array) -> bool:
+        """Whether these frequencies of the interior are those of Herting's model of the same size."""
+        rigid = self.free.rigid.shape[1]
+        for modes in {len(own), len(own) - rigid}:  # with its inertia relief, of which a part may depend on the modes
+            try:
+                again = replace(GivenModel.of(self.reduced(METHODS["herting"](modes))), kinds=()).kept_frequencies
+            except FemsubError:
+                continue
+            if len(again) == len(own) and np.allclose(again, own, rtol=AGREE, atol=0.0):
+                return True
+        return False
 
     @cached_property
     def frequencies(self) -> tuple[Array, Array] | Finding:

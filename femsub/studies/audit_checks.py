@@ -358,7 +358,8 @@ def other_spectrum(case: Case) -> Sight:
     if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Finding)):
         return None
     rigid = 0 if basis == "held" else case.free.rigid.shape[1]
-    kept = case.kinds.count(HELD_KIND if basis == "held" else "free")
+    # some of MacNeal's modes may be solved for, and their coordinates named after the interface
+    kept = case.kinds.count(HELD_KIND if basis == "held" else "free") if case.projected else case.mass_rank - rigid
     if basis == "free" and not kept:  # Herting's kinds do not name the modes alone
         if sub.ports:
             return None

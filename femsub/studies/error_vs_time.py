@@ -28,7 +28,7 @@ from femsub.checks import (
     word,
 )
 from femsub.coupling import System
-from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, usable_band
+from femsub.model import Contact, Contacts, ReducedSubstructure, Substructure, contacts_of, in_band, usable_band, without
 from femsub.modes import (
     ComplexModes,
     NormalModes,
@@ -256,10 +256,10 @@ class Comparison:
         return [name for contact in self.contacts for name in contact.ports] if self.contacts else list(self.model.ports)
 
     def at_rest(self, model: Substructure) -> Substructure:
-        """The model without damping, with the symmetric part of the contacts' stiffness at the least value of the parameter."""
+        """The model without damping and friction, with the stiffness of the contacts at the least value of the parameter."""
         least = min([*(self.between or ()), *self.values], default=None)
         contacts = self.contacts if least is None else with_value(self.contacts, self.parameter, least)
-        pencil = model.linearised(contacts, structural=True)
+        pencil = model.linearised(without(contacts), structural=True)
         return model if pencil.K is model.pencil.K else Substructure(model.M, (pencil.K + pencil.K.T) / 2, name=model.name)
 
     def row(self, full: Tried, one: Tried, modes: NormalModes, rates: Sequence[Array]) -> Row:

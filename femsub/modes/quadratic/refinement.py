@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from femsub.checks import (
     whole_number,
 )
 from femsub.coupling import System
-from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, contacts_of, fields_of
+from femsub.model import Contacts, Pencil, ReducedSubstructure, Substructure, without
 from femsub.modes.quadratic import dense
 from femsub.modes.quadratic.complex_modes import ComplexModes, with_bars
 from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
@@ -237,8 +237,7 @@ def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> t
     """
     if pencil.K is full.K:
         return full.K, solve_of(full, rom, full.K)
-    given: Sequence[Any] = contacts_of(contacts)
-    K = full.linearised([replace(one, mu=0.0) if "mu" in fields_of(one) else one for one in given]).K
+    K = full.linearised(without(contacts)).K
     try:
         K = (K + K.T) * 0.5
         return K, solve_of(full, rom, K)
