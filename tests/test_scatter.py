@@ -154,6 +154,9 @@ def test_two_families_are_found_and_their_probabilities_are_in_closed_form() -> 
     draw(chart)
     assert [table.name for table in scatter_tables("s", found)] == ["s-families", "s-inputs", "s"]
     assert len(chart.panels[0].series) == 2
+    never = fs.scatter(model.fixed(y=0.0), {"x": stats.uniform(0.0, 0.1)}, samples=16)
+    assert not never.families
+    assert [panel.title for panel in scatter_chart("scatter", never, "Title").panels] == ["inputs"]
 
 
 def test_correlated_inputs_have_their_correlation_and_their_probability() -> None:
