@@ -43,14 +43,14 @@ def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, st
                        labels=[shown.get(found.parameters[i], found.parameters[i])])
                 for rank, i in zip(ranks, order, strict=True)]
     lo, hi = found.interval
-    shows, width, columns = (slice(None), 1.3, 4) if found.families else (slice(2, None), 0.6, 2)  # nothing grows: no modes
+    shows, width, columns = (slice(None), 1.3, 4) if found.families else (slice(2, None), 0.6, 2)
     panels = [
         Panel(cloud, "Re λ  [1/time]", "Im λ  [rad/time]", "modes that grow", "x"),
         Panel(bars, "Im λ  [rad/time]", "probability that it grows  [-]", "families of modes", limits={"y": (-0.03, 1.03)}),
         Panel(tornado, "probability of instability  [-]", "rank of the input", "inputs", limits={
-            "x": (-0.03, 1.03), "y": (len(order) + 0.5, 0.4)}, levels=[Level(found.probability, "all samples")], whole="y")][shows]
+            "x": (-0.03, 1.03), "y": (len(order) + 0.5, 0.4)}, levels=[Level(found.probability, "all samples")], whole="y")]
     note = " ".join(NOTES[shows])
-    return Chart(name, title, panels, len(panels), note=note, height=3.2, columns=columns, width=width, about=(
+    return Chart(name, title, panels[shows], len(panels[shows]), note=note, height=3.2, width=width, columns=columns, about=(
         f"unstable with probability {found.probability:.3g} in [{lo:.3g}, {hi:.3g}] at {100 * found.confidence:g} %; "
         f"{100 * found.undecided:.2g} % undecided; {len(found.samples):,} samples"))
 
