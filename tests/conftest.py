@@ -45,9 +45,9 @@ def sampled(cases: list[Any]) -> list[str]:
     is not rare."""
     found: list[str] = []
     for at, case in enumerate(cases):
-        quick, slow = (*case.get_closest_marker("sampled").args, 1)[:2]
+        quick, slow = (*case.get_closest_marker("sampled").args, 4)[:2]
         row, turn = divmod(at, quick)
-        found.append("" if not turn else "rare" if (row * (quick - 1) + turn - 1) % slow else "slow")
+        found.append("" if not turn else "rare" if (row * (quick - 1) + turn) % slow else "slow")
     names = cases[0].callspec.params
     if len(names) > 1:
         values = [{(name, id(case.callspec.params[name])) for name in names} for case in cases]
@@ -62,11 +62,9 @@ def sampled(cases: list[Any]) -> list[str]:
 @pytest.hookimpl(tryfirst=True)  # before pytest looks at -m
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """
-    Of a test marked sampled(k), each k-th case stays quick, and the others are slow.
-
-    Of one marked sampled(k, j), each j-th of those others is slow and the rest is rare: more of what the slow ones show, for
-    --every, a mark (-m rare) or a name. A run of all tests leaves out the slow ones; what is selected (-m, -k) or named (a file,
-    a test of it) runs as asked.
+    Of a test marked sampled(k) or sampled(k, j), each k-th case stays quick. Of the others each j-th, by default each fourth, is
+    slow. The rest is rare: more of what the slow ones show, for --every, a mark (-m rare) or a name. A run of all tests leaves
+    out the slow ones; what is selected (-m, -k) or named (a file, a test of it) runs as asked.
 
     Not by `-m 'not slow'` among pytest's addopts: that leaves out a test that is named, too.
     """

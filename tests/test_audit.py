@@ -286,7 +286,7 @@ def test_nothing_is_said_of_sound_models(part: str) -> None:
     assert check_sound(part, 4) >= 7
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_nothing_is_said_of_fifty_sound_models() -> None:
     assert sum(check_sound(part, 7) for part in PARTS) >= 50
 
@@ -552,7 +552,7 @@ def test_a_model_of_rigid_motion_alone_is_compared() -> None:
     assert "static interface response" in [one.what for one in found.faults]
 
 
-@pytest.mark.sampled(10, 2)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("key", ["M", "K", "MK"])
 @pytest.mark.parametrize("by", [0.0, -1.0])
 @pytest.mark.parametrize("method", sorted(METHODS))

@@ -45,7 +45,7 @@ def plain(parts: Mapping[str, fs.Substructure], names: tuple[str, ...], ends: Ma
     return la.eigh(K, M, eigvals_only=True)
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("stiffness", DUST)
 @pytest.mark.parametrize("assembly", ["primal", "dual"])
 @pytest.mark.parametrize("names", [("a", "soft"), ("soft", "a"), ("a", "soft", "b"), ("soft", "b", "a")])
@@ -113,7 +113,7 @@ def exact_rank(rows: np.ndarray) -> int:
     return rank
 
 
-@pytest.mark.sampled(3, 2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(60))
 def test_all_motions_that_the_joints_allow_are_there(seed: int) -> None:
     parts, joints = random_system(seed)

@@ -40,7 +40,7 @@ def test_a_foundation_adds_to_every_eigenvalue() -> None:
     assert np.allclose(bedded[2:6] - bare[2:6], 2e3 / (SI["rho"] * SI["A"]), rtol=1e-7)
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.filterwarnings("ignore:.*rounding may take:femsub.checks.ConditionWarning")
 @pytest.mark.parametrize("n", [1, 4, 7, 49, 50, 51, 200, 2000])
 @pytest.mark.parametrize(("units", "length"), [(SI, 1.0), (MM, 1000.0), (SI, 0.03), (MM, 50_000.0)])

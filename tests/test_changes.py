@@ -192,7 +192,7 @@ def test_what_has_no_place_is_refused() -> None:
         fs.MaterialChange.solid(BAR, SOFT, "nu", 0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_the_best_damper_and_the_best_shim_quieten_the_full_brake() -> None:
     """The scene `brake` with large elements at μ = 0.6: one unstable mode at 5.2 kHz. A damper has 100 g·s/mm, 981 N·s/m."""
     with warnings.catch_warnings():

@@ -20,7 +20,7 @@ from femsub.modes.quadratic.matching import clear_radius, clusters, distinct, jo
 KNOWN = (51, 91, 113, 153, 161, 167, 365, 453, 557, 873)
 
 
-@pytest.mark.sampled(8, 2)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("first", range(0, 64, 8))
 def test_random_models_are_complete_and_none_is_refused(first: int) -> None:
     """The first 64 of the random models; 3,000 were tried once, at commit 4e8630c."""
@@ -30,6 +30,7 @@ def test_random_models_are_complete_and_none_is_refused(first: int) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", KNOWN)
 def test_models_that_failed_once(number: int) -> None:

@@ -93,6 +93,7 @@ CONTACTS: tuple[Any, ...] = (fs.Belt(speed=0.2, law=LAW), fs.Belt("other", 0.5, 
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.parametrize(("method", "tol", "close"), [("lsoda", None, 1e-6), ("alpha", 1e-6, 2e-2)])
 def test_several_belts_and_an_own_contact_in_time(method: str, tol: float | None, close: float) -> None:
     """Against an integration by SciPy of the equations as they stand, from a start far from rest."""
@@ -110,7 +111,7 @@ def test_several_belts_and_an_own_contact_in_time(method: str, tol: float | None
     assert without.states is not None and np.abs(np.hstack(without.states).T - exact).max() > 0.1 * np.abs(exact).max()
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_the_generalised_alpha_method_takes_a_contact_much_stiffer_than_the_model() -> None:
     """A wave is reflected by a spring a thousand times as stiff as the model's, in a contact that S does not contain."""
     n, end = 310, 30.0
@@ -155,7 +156,7 @@ def test_van_der_pol(eps: float, period: float) -> None:
     assert again.omega == pytest.approx(cycle.omega, rel=1e-10) and again.newton <= 3
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_the_mean_displacement_follows_an_even_force() -> None:
     """-b u² shifts the mean by -b⟨u²⟩ / k: it is eliminated, and agrees with the mean of the orbit that shooting finds."""
     model, contact = fs.Substructure([[1.0]], [[2.0]], ports={"mass": [1.0]}), VanDerPol(0.5, 0.2)
@@ -172,7 +173,7 @@ def test_the_mean_displacement_follows_an_even_force() -> None:
     assert places.mean() == pytest.approx(-0.2 * (places**2).mean() / 2.0, rel=1e-4) and places.mean() < -0.05
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_belts_beside_a_bumper_in_a_cycle() -> None:
     """Two belts and a contact with coupled columns: harmonic balance from a transient, closed by shooting."""
     model = part(5)

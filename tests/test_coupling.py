@@ -63,7 +63,7 @@ def cut(n: int, pieces: int, fixed: bool = True) -> tuple[dict[str, fs.Substruct
     return parts, joints, fs.chain(n, belt=2, damping=0.1, masses=masses, springs=springs, fixed=fixed)
 
 
-@pytest.mark.sampled(7, 2)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("full", "craig-chang", "craig-bampton")])
 @pytest.mark.parametrize("fixed", [True, False])
 @pytest.mark.parametrize("pieces", [2, 3, 5, 8])
@@ -100,7 +100,7 @@ def crosses(how: tuple[str, ...], arms: int) -> tuple[dict[str, fs.Substructure]
     return parts, la.eigh(K, M, eigvals_only=True)
 
 
-@pytest.mark.sampled(3, 2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("how", [("full",), ("craig-bampton",), ("craig-chang",), ("craig-chang", "full"),
                                  ("full", "craig-chang", "craig-bampton")])
 @pytest.mark.parametrize("arms", [3, 4])

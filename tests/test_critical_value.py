@@ -22,7 +22,7 @@ EYE = np.eye(2)
 TWO_MODE = fs.Affine(EYE, None, [(1.0, [[2, 1], [1, 2]]), ("mu", [[0, -4 / 3], [0, 0]])])
 
 
-@pytest.mark.sampled(6, 2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_a_dense_scan(seed: int) -> None:
     """Flutter, negative damping, divergence, several losses and regains."""
@@ -182,7 +182,7 @@ def test_a_law_that_falls_between_all_samples_of_the_pencil_is_seen() -> None:
         assert found.regains[-1].value == pytest.approx(law.end - half, abs=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_a_jump_of_the_slope_is_told() -> None:
     """All modes change at once, so no one mode crosses there. Without damping D is 0 at all places once judged."""
     belt = fs.Belt(speed=0.1, law=Step())
@@ -446,7 +446,7 @@ def test_no_more_digits_are_shown_than_the_window_has() -> None:
     assert "Crossing: 0 (hopf" in repr(Crossing(-4e-12, 1e-11, 1.0, shape, "hopf", (-1.0, 1.0)))
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_what_is_told_of_an_open_interval_holds() -> None:
     """Tiny damping: rounding hides which of two close modes grow. A crossing is told as wide as it is known, or not at all."""
     checked = 0

@@ -23,7 +23,7 @@ LONGEST = {"CEA, sixfold on edges, sparse", "ring of 240, a pair cut"}
 assert set(CASES) >= LONGEST
 
 
-@pytest.mark.sampled(12, 2)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in LONGEST else ())
                                   for name, case in CASES.items() if case.quick])
 def test_case(name: str) -> None:

@@ -41,7 +41,7 @@ def random_parts(seed: int) -> fs.System:
     return fs.couple(*fs.cut(sub, into=int(rng.integers(2, 5))))
 
 
-@pytest.mark.sampled(8, 2)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("seed", range(40))
 def test_of_random_chains_in_parts(seed: int) -> None:
     system = random_parts(seed)

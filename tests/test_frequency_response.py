@@ -142,7 +142,7 @@ def at_random(seed: int) -> tuple[fs.Substructure, Any]:
     return model, acts
 
 
-@pytest.mark.sampled(40, 4)
+@pytest.mark.sampled(40)
 @pytest.mark.parametrize("seed", range(120))
 def test_the_modal_way_is_within_its_bound_at_every_frequency(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     model, acts = at_random(seed)

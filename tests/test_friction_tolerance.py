@@ -34,7 +34,7 @@ def reduced(seed: int) -> fs.ReducedSubstructure:
         return fs.reduce(brake(seed).system, fs.ContactModes(band=brake(seed).band, tol=TOL, contacts=brake(seed).contacts))
 
 
-@pytest.mark.sampled(12, 2)
+@pytest.mark.sampled(12)
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_unstable_mode_of_a_random_brake_is_missed(seed: int) -> None:

@@ -395,7 +395,8 @@ def test_nonsense_is_answered_or_refused(
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:the matrix subclass")
 @pytest.mark.parametrize("third", THIRDS)
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "study"])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.rare) if at % 3 else name
+                                  for at, name in enumerate(name for name in NAMES if name != "study")])
 def test_odd_values_are_answered_or_refused(
         name: str, third: int, tmp_path: Path, working: dict[str, tuple[Callable[..., Any], dict[str, Any]]]) -> None:
     """Each value of each kind at a third of the arguments, and each argument a third of the values."""

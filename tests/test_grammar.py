@@ -157,6 +157,7 @@ def test_the_docs_say_how_many_cells_work() -> None:
     assert f"{working} of {len(CELLS)}" in page
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("part", "ask", "reduced"), [pytest.param(*cell, marks=pytest.mark.slow) if cell[1] in LONG else cell
                                                       for cell in CELLS])
 def test_every_part_goes_with_every_analysis(part: str, ask: str, reduced: bool) -> None:

@@ -6,7 +6,7 @@ import pytest
 from joined_at_random import METHODS, findings
 
 
-@pytest.mark.sampled(12, 2)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("seed", range(15))
 def test_complete_parts_joined_at_random(seed: int) -> None:
     assert findings(seed, sorted(METHODS)[seed % 3::3]) == []

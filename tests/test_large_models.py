@@ -286,6 +286,7 @@ print(need / (told("VmHWM") - before))
 
 @pytest.mark.skipif(not Path("/proc/self/clear_refs").exists(), reason="the peak of a process is told by Linux")
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.parametrize(("cells", "method"), [((40, 40, 3), "fs.CraigBampton(40)"), ((28, 28, 3), "fs.Rubin(40)"),
                                                pytest.param((56, 56, 2), "fs.CraigBampton(40)",
                                                             marks=pytest.mark.rare)])

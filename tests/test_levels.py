@@ -172,7 +172,7 @@ def spoilt(path: Path, how: str, other: bytes = b"") -> None:
         path.write_bytes(content)
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("how", ["zeros", "cut", "bit", "missing", "another"])
 def test_a_damaged_file_is_named_and_what_it_belongs_to_is_made_anew(tmp_path: Path, how: str) -> None:
     """The digits are those of a run that nobody has disturbed."""

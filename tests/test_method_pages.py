@@ -44,7 +44,7 @@ def shown(value: float) -> str:
 TABLES = [(page.stem, *found) for page in sorted(PAGES.glob("*.md")) for found in HEAD.findall(page.read_text(encoding="utf-8"))]
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(12, 1)
 @pytest.mark.filterwarnings("ignore::femsub.FemsubWarning")
 @pytest.mark.parametrize(("page", "head", "columns", "rows"), TABLES, ids=[page for page, *_ in TABLES])
 def test_tables_are_what_the_methods_do(page: str, head: str, columns: str, rows: str) -> None:

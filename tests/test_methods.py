@@ -82,7 +82,7 @@ def angle(one: np.ndarray, other: np.ndarray, M: object) -> float:
     return float(np.linalg.norm(second - first @ (first.T @ second), 2))
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", SMALL)
 def test_all_modes_give_the_full_spectrum(name: str, key: str) -> None:
@@ -141,7 +141,7 @@ def test_methods_of_one_span(name: str, modes: int) -> None:
     assert angle(free[0].V, herting.V, sub.M) < 1e-9
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", PARTS)
 def test_matrices_are_projections_and_the_interface_can_be_read(name: str, key: str) -> None:
@@ -159,7 +159,7 @@ def test_matrices_are_projections_and_the_interface_can_be_read(name: str, key: 
     assert fs.normal_modes(rom, count=0).rigid == fs.normal_modes(sub, count=0).rigid
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("key", RITZ)
 @pytest.mark.parametrize("name", ["held chain", "floating chain", "floating lattice", "large floating lattice"])
 def test_ritz_values_bound_from_above_and_never_rise(name: str, key: str) -> None:
@@ -287,7 +287,7 @@ def test_a_port_at_the_interface_adds_nothing(key: str) -> None:
     assert rom.size == plain.size and rom.dropped == plain.dropped + 1
 
 
-@pytest.mark.sampled(3, 2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", ["held chain", "floating lattice", "massless interface"])
 def test_units_and_numbering_change_nothing(name: str, key: str) -> None:
@@ -340,7 +340,7 @@ def test_nearly_complete_bases_keep_their_digits() -> None:
                 assert np.abs(found[3:modes + 3] / full[3:modes + 3] - 1).max() < limit
 
 
-@pytest.mark.sampled(17, 4)
+@pytest.mark.sampled(17)
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_parts_with_all_modes_are_the_unreduced_system(name: str, key: str) -> None:
@@ -364,7 +364,7 @@ def test_joined_parts_condensed_on_all_of_their_dof_are_the_unreduced_system(nam
     assert np.abs(found[rigid:] / full[rigid:] - 1).max() < 1e-9
 
 
-@pytest.mark.sampled(13, 4)
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("key", ["craig-bampton", "craig-chang", "guyan", "herting", "hurty", "rubin"])
 @pytest.mark.parametrize("name", JOINED)
 def test_joined_frequencies_bound_from_above_and_never_rise(name: str, key: str) -> None:
@@ -391,6 +391,7 @@ def at_equal_size(key: str, joined: Joined, full: fs.NormalModes, coordinates: i
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 @pytest.mark.parametrize("name", LARGER)
 def test_rubin_and_dual_craig_bampton_beat_macneal_and_craig_bampton_at_equal_size(name: str) -> None:
@@ -474,7 +475,7 @@ def test_macneal_where_a_regular_mass_is_needed_tells_of_rubin() -> None:
             fs.transient(rom, fs.Belt(speed=0.1911, law=fs.StribeckArctan(eps=0.02)), time=(0, 1), method=method)
 
 
-@pytest.mark.sampled(4, 3)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("first", range(0, 400, 100))
 def test_macneal_s_stiffness_is_that_of_its_shapes_also_where_the_modes_leave_little(first: int) -> None:
     """K = VᵀKV: of a residual shape that moves the interface by 1e-5 of what all shapes do, that motion is no rounding."""

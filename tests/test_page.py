@@ -471,6 +471,7 @@ class Opened:
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 # a brake's mode is drawn as that of the solid is; the page of limit cycles has no mode, and nothing that the others lack
 @pytest.mark.parametrize("name", [*FOUR[:2], pytest.param(FOUR[2], marks=pytest.mark.rare)])
 def test_a_page_in_a_browser(name: str, folders: dict[str, Path], browser: Any) -> None:

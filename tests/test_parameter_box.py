@@ -77,7 +77,7 @@ def check(small: fs.BoxModel, full, band: tuple[float, float], places: list[dict
             assert found.is_stable == (growing < 0), place
 
 
-@pytest.mark.sampled(4, 2)  # the quick ones are shared with other tests
+@pytest.mark.sampled(4)  # the quick ones are shared with other tests
 @pytest.mark.parametrize("seed", range(6))
 def test_random_families(seed):
     band, ranges = (0.0, 0.5), {"mu": (0.0, 1.0), "speed": (0.5, 2.0)}
@@ -240,7 +240,7 @@ def test_states_that_stay_know_how_far_they_are_off():
     assert small.distance(lacks, cell.states, values) == np.inf
 
 
-@pytest.mark.sampled(3, 2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_box_may_end_beside_the_axis(seed):
     """Fewer shapes, and still all that grows or decays slowly."""
@@ -416,9 +416,10 @@ def test_a_pole_in_the_box_is_refused():
 M0 = Path(__file__).parents[2] / "shared" / "brake-m0"
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 @pytest.mark.skipif(not M0.exists(), reason="the matrices of brake M0 are not there")
 def test_brake_m0_over_all_speeds():
+    """The page docs/tutorials/public-brake.md shows the same, and its test runs with the slow ones."""
     read = {name: sp.csr_array(next(value for key, value in loadmat(M0 / f"{name}.mat").items() if key[0] != "_")).astype(float)
             for name in ("BMLL", "BDLL", "BDIWLL", "BYLL", "BHLL", "BKLL", "BKQLL", "BWLL")}
     full = fs.Affine(read["BMLL"], [(1.0, read["BDLL"]), (inverse, read["BDIWLL"]), ("speed", read["BYLL"]),

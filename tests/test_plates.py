@@ -32,7 +32,7 @@ def rectangle(nx: int, ny: int, kind: str, *, a: float = A, b: float = B, shake:
     return fs.Mesh(points, cells, kind, {name: np.flatnonzero(rows) for name, rows in sets.items()})
 
 
-@pytest.mark.sampled(7, 2)
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("kind", ["quad", "triangle"])
 @pytest.mark.parametrize("counts", [(1, 1), (2, 3), (5, 4), (30, 2), (60, 60)])
 @pytest.mark.parametrize(("units", "scale"), [(SI, 1.0), (MM, 1000.0), (SI, 0.01)])

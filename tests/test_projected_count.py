@@ -76,7 +76,7 @@ def count(pencil: fs.Pencil, contour: Contour) -> Count | None:
         return None
 
 
-@pytest.mark.sampled(7, 2)  # each kind of damping
+@pytest.mark.sampled(7)  # each kind of damping
 @pytest.mark.parametrize("seed", range(36))
 def test_a_count_is_never_wrong(seed: int) -> None:
     """Where it is given, it is LAPACK's; and it is given for most. In 300 models of the same kind none was wrong."""
@@ -91,7 +91,7 @@ def test_a_count_is_never_wrong(seed: int) -> None:
             assert found is not None and found.margin < 1
 
 
-@pytest.mark.sampled(13, 3)
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("seed", range(36))
 def test_one_projection_counts_for_all_values_of_a_parameter(seed: int) -> None:
     """P(s) + Σ θ_q s^q T_q with stiffness, damping, mass and a contact that change: where a count is given, it is LAPACK's."""
@@ -137,7 +137,7 @@ def test_few_columns_that_change_act_inside_the_basis_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(12))
-@pytest.mark.sampled(4, 2)
+@pytest.mark.sampled(4)
 def test_each_sign_of_damping_has_its_own_bound(seed: int) -> None:
     """Re xᴴP(s)x ≥ c xᴴAx outside the basis all over an uneven rectangle, and as many eigenvalues as by LAPACK."""
     pencil = random_pencil(seed)

@@ -78,7 +78,7 @@ def test_sentences_are_short() -> None:
                 for sentence in re.split(r"(?<=[.?!])\**\s", paragraph) if len(sentence.split()) > 30]
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(7, 1)
 @pytest.mark.parametrize("page", [pytest.param(page, marks=slow(page)) for page, text in TEXTS.items() if blocks_of(text)])
 def test_a_page_prints_what_it_shows(page: str, tmp_path: Path) -> None:
     if any(f"{name}/" in TEXTS[page] and not place.exists() for name, place in GIVEN.items()):
@@ -112,7 +112,7 @@ def test_your_own_matrices_lose_their_stability_where_the_full_model_does() -> N
         fs.critical_slope(fs.reduce(sub, fs.CraigChang(modes=20)), band=band)
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(3, 1)
 @pytest.mark.parametrize("text", [pytest.param(text, marks=slow(page)) for page, kind, text in BLOCKS
                                   if kind == "toml" and not re.search(r"^use = ", text, re.MULTILINE)])  # tests/test_extend.py
 def test_scene_files(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

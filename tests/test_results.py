@@ -84,8 +84,10 @@ SMALL = {
     "audit": '[[ask]]\naudit = {M = "M.npz", K = "model.mat:K", interface = [0]}\n'
              'full = {M = "M.npz", K = "model.mat:K", interface = [0]}\n',
 }
-#: two of them are quick
-EACH = [pytest.param(name, marks=() if name in ("superelements", "audit") else pytest.mark.slow) for name in SMALL]
+#: scenes whose repetition takes long, and shows what that of another one does
+LONG = ("affine", "beam", "chain-transient", "plate", "solid", "solid-parts")
+EACH = [pytest.param(name, marks=() if name in ("superelements", "audit") else pytest.mark.rare if name in LONG else
+                     pytest.mark.slow) for name in SMALL]
 CHAIN = ('figures = false\n[reduce]\nsizes = [3, 5]\nrepeats = 1\n[[ask]]\ncritical = "slope"\n[[ask]]\ncritical = "slope"\n'
          'name = "size-sweep"\nvary = {"reduce.sizes" = [[3], [5]]}\n')
 SHORT = {"solid": SMALL["solid"] + '[[ask]]\nmodes = 8\n', "matrices": SMALL["matrices"] + '[[ask]]\ncomplex-modes = "all"\n'}

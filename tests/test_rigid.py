@@ -47,7 +47,7 @@ def zeros(model: fs.Substructure | fs.Pencil, contact: fs.Belt | None = None) ->
     return int(modes.rigid.sum())
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("units", STEEL)
 @pytest.mark.parametrize("uneven", [0.0, 1e-12, 1e-9])
 @pytest.mark.parametrize(("face", "count", "cells", "sides"), FACES)
@@ -288,7 +288,7 @@ def test_a_node_of_a_mode_at_a_dashpot_is_undecided_and_not_unstable() -> None:
         assert modes.rigid.sum() == 2 and not len(modes.unstable)
 
 
-@pytest.mark.sampled(3, 2)  # each of the five kinds among them
+@pytest.mark.sampled(3)  # each of the five kinds among them
 @pytest.mark.parametrize("seed", [2, 7, 27, 51])
 @pytest.mark.parametrize("kind", attack.KINDS)
 def test_at_random(kind: str, seed: int) -> None:

@@ -78,6 +78,7 @@ def test_the_probability_of_hulten_s_model_is_within_its_interval(law: str) -> N
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.parametrize(("law", "repetitions"), [(law, 20 if at else 60) for at, law in enumerate(LAWS)])
 def test_the_interval_holds_in_95_percent_of_repetitions(law: str, repetitions: int) -> None:
     exact = LAWS[law].sf(CRITICAL)

@@ -196,7 +196,7 @@ def bases(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Pat
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 @pytest.mark.cholmod
 def test_bases_agree_with_those_of_others(bases: Callable[[str], tuple[Path, list[Any]]]) -> None:
     rows = {row["method"]: row for row in bases("slab")[1]}
@@ -285,7 +285,7 @@ def report(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
                *args)
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_a_report_goes_on_where_it_stopped(tmp_path: Path) -> None:
     first = report(tmp_path, "chain")
     assert first.returncode == 0, first.stdout + first.stderr

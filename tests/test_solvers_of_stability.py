@@ -30,7 +30,7 @@ def test_a_coalescence_without_damping_is_followed_to_its_place(seed: int) -> No
     assert solvers("undamped", seed) == "agree"
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", range(12))
 def test_a_coalescence_without_damping_lies_within_a_narrow_width(seed: int) -> None:
     """Beside its value ∓ width the full matrices have different numbers of complex ω²; by iω alone the width was up to 9 %."""
@@ -207,7 +207,7 @@ def test_pairs_of_a_projection_that_nearly_coalesce_need_no_search(monkeypatch: 
     assert len(found.losses) == 12 and len(found.regains) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_a_pencil_of_2000_dof_is_followed_within_30_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many modes in the band as a model of 4,096 DOF has up to 0.38, and as many solutions."""
     family, _ = brake_like(48)

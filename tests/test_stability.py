@@ -44,7 +44,7 @@ def test_errors_with_the_belt_under_m2() -> None:
     assert abs(hcb / full - 1) == pytest.approx(9e-7, abs=1e-7) and abs(cc / full - 1) < 1e-8
 
 
-@pytest.mark.sampled(8, 2)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("belt", range(1, 11))
 @pytest.mark.parametrize("n", [10, 33])
 def test_the_two_ways_agree_and_the_pencil_confirms(belt: int, n: int) -> None:
@@ -205,6 +205,7 @@ def test_growth_faster_than_the_band_is_found_in_large_models_or_told() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("seed", [0, 2, 9])
 def test_drift_of_a_large_model_is_known_from_its_rigid_motion_however_its_basis_grows(seed: int) -> None:

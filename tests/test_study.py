@@ -92,7 +92,7 @@ def test_no_run_finds_the_factor_of_another() -> None:
     assert made[1] - made[0] == 2 * 6
 
 
-@pytest.mark.sampled(6, 2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", list(METHODS))
 @pytest.mark.parametrize("ports", [False, True])
 def test_a_reductor_gives_the_models_with_fewer_modes(name: str, ports: bool) -> None:

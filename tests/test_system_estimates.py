@@ -64,7 +64,7 @@ def test_a_system_meets_its_tolerance_with_few_modes(seed: int) -> None:
     assert chosen.sum() <= 1.3 * fewest(case, full, chosen, TOL)[0]
 
 
-@pytest.mark.sampled(10, 2)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("kinds", [(fs.CraigBampton, fs.Rubin), (fs.CraigChang, fs.Herting), (fs.MacNeal, fs.CraigBampton),
                                    (fs.DualCraigBampton,)])
 @pytest.mark.parametrize("seed", [6, 9, 14, 23])
@@ -334,7 +334,7 @@ def test_the_models_that_are_solved_do_not_grow_with_the_number_of_parts(monkeyp
         assert len(solved) <= 20 and len(damped) <= 8
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("ports", [False, True])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_model_that_meets_the_tolerance_is_passed_over(seed: int, ports: bool, monkeypatch: pytest.MonkeyPatch) -> None:

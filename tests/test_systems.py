@@ -160,6 +160,7 @@ def test_a_mode_that_leaves_the_joint_unloaded_is_no_error_of_100_percent() -> N
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize("kind", ["chain", "beam"])
 def test_the_recommended_system_has_the_full_one_s_critical_slope(kind: str) -> None:

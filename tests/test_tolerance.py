@@ -54,7 +54,7 @@ def nested(problem: Problem, kind: type, known: int) -> Nested:
     return space.extended(space.reference(), problem.band)
 
 
-@pytest.mark.sampled(12, 3)
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("tol", [1e-2, 1e-3, 1e-4, 1e-6])
 @pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
 def test_what_was_asked_is_what_the_full_model_confirms(problem: Problem, kind: type, tol: float) -> None:
@@ -84,7 +84,7 @@ def fair(share: np.ndarray) -> bool:
     return bool(((share >= 0.99) & (share <= 10)).all())
 
 
-@pytest.mark.sampled(3, 2)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
 def test_the_estimate_is_near_the_error_with_one_mode_more_known(problem: Problem, kind: type) -> None:
     model = fixed(problem) if kind is fs.CraigBampton else problem.sub
@@ -240,7 +240,7 @@ def test_a_mode_that_only_the_count_misses_is_fetched_before_any_is_kept() -> No
     np.testing.assert_allclose(np.append(np.sqrt(kept.values), kept.cutoff), fs.chain_frequencies(500, 9), rtol=1e-10)
 
 
-@pytest.mark.sampled(5, 2)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("problem", "kind"), CASES, ids=NAMES)
 def test_with_one_mode_less_the_tolerance_would_not_be_met(problem: Problem, kind: type) -> None:
     rom = reduced(problem, kind, 1e-3)

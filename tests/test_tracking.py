@@ -96,7 +96,7 @@ def test_a_mode_that_looks_rigid_beside_its_coalescence_breaks_no_branch() -> No
         assert meetings("symmetric", 2) == "certified"
 
 
-@pytest.mark.sampled(13, 3)
+@pytest.mark.sampled(13)
 @pytest.mark.parametrize("rigid", [0, 1])
 @pytest.mark.parametrize("values", [[-1, 0, 1], [-1, 0.3, 1], [0, 0.5, 1], [-1, -0.5, 0], [-1, -0.5, 0, 0.5, 1]])
 @pytest.mark.parametrize("damping", [0.0, 0.1])
@@ -215,7 +215,7 @@ def test_real_eigenvalues_have_branches_of_their_own() -> None:
     assert found.eigenvalues.shape[1] == 4 and np.abs(found.eigenvalues[-1].imag).max() == 0.0
 
 
-@pytest.mark.sampled(6, 2)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(10))
 def test_random_models_agree_with_fine_steps(seed: int) -> None:
     model = random_model(seed)

@@ -131,7 +131,7 @@ def several() -> fs.Substructure:
     return fs.Substructure(chain.M, chain.K, chain.D, [0], {"belt": chain.port("belt"), "pair": W, "end": np.eye(6)[5]})
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_several_belts_and_columns() -> None:
     model = several()
     belts = [BELT, fs.Belt("pair", force=0.5, speed=-0.1, law=fs.StribeckArctanOdd(eps=1e-2))]
@@ -175,6 +175,7 @@ def test_a_large_sparse_model_takes_one_factor_per_step_size() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(("samples", "blow"), [(100, 1e-3), (600, 1e-3), (600, 0.1)])
 def test_alpha_sees_small_motions(samples: int, blow: float) -> None:
@@ -188,6 +189,7 @@ def test_alpha_sees_small_motions(samples: int, blow: float) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.sampled(99)
 @pytest.mark.sampled(2)
 @pytest.mark.parametrize(("method", "within"), [("alpha", 1e-4), ("lsoda", 1e-4), ("dop853", 1e-4), ("radau", 1e-4)])
 def test_the_motion_after_a_tiny_blow_is_proportional_to_it(method: str, within: float) -> None:

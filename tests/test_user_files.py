@@ -134,7 +134,7 @@ def test_motion_in_time_of_own_matrices_under_a_belt(tmp_path: Path) -> None:
     assert small["rms"] == pytest.approx(fs.rms(run.t, run.velocity("belt"), window), rel=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_flutter_of_own_meshes_with_friction(tmp_path: Path) -> None:
     scene, data, text = ran(FLUTTER, tmp_path)
     assert "Hz" in text and "damping [%]" in text
@@ -159,7 +159,7 @@ def test_response_of_two_joined_superelements(tmp_path: Path) -> None:
     assert all(row["error"] >= 0.99 * one for row, one in zip(rows, off, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 def test_limit_cycle_of_a_solid_from_a_mesh_of_ones_own(tmp_path: Path) -> None:
     scene, data, _ = ran(CYCLE, tmp_path)
     row = next(row for row in data["cycles"] if row["model"] == "craig-chang" and "omega" in row)
