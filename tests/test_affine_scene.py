@@ -73,6 +73,7 @@ def border(mu: float, lo: float, hi: float) -> list[float]:
     return [scipy.optimize.brentq(hurwitz, speeds[i], speeds[i + 1], xtol=1e-14) for i in np.flatnonzero(np.diff(signs))]
 
 
+@pytest.mark.slow
 def test_a_turning_disc_without_files_and_from_files(tmp_path: Path) -> None:
     """D1 + μ DR/Ω + Ω DG and K1 + μ KR + Ω² Kgeo lose and regain stability where the Hurwitz determinant vanishes."""
     written(tmp_path)

@@ -77,6 +77,7 @@ def test_rows_of_unlike_size_in_an_unsymmetric_pencil() -> None:
     assert same(clean, found) <= 1 and found.error_bar.max() < 1e-4 * np.abs(found.eigenvalues).max()
 
 
+@pytest.mark.slow
 def test_symmetric_stiffness_beside_an_unsymmetric_mass() -> None:
     """Rows and columns are scaled apart then, which leaves no K symmetric: its factor does not serve for the left vectors."""
     n = 160

@@ -134,6 +134,7 @@ def test_the_scene_tells_unstable_modes_errors_and_the_critical_mu(tmp_path: Pat
     assert {f"unstable{end}" for end in (".png", "-unstable.csv", "-shape.vtu", "-shape.pvd")} <= written
 
 
+@pytest.mark.slow
 def test_below_the_critical_mu_nothing_is_unstable(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = run(tmp_path, SMALL + UNSTABLE.replace("0.5", "0.1"), "--no-figures")
     assert data["unstable"]["unstable"] == [] and "Steady sliding is stable" in " ".join(capsys.readouterr().out.split())

@@ -93,6 +93,7 @@ def test_a_branch_lists_no_cycle_twice(over_speed: Branch) -> None:
     assert over_speed.at(float(over_speed.values.max() + 1.0)) == []
 
 
+@pytest.mark.slow
 def test_points_of_a_branch_are_cycles_of_their_own(over_speed: Branch) -> None:
     for at in (20, -5):
         point = over_speed.points[at]

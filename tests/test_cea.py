@@ -143,6 +143,7 @@ def test_overdamped_modes_are_among_the_wanted_ones() -> None:
     np.testing.assert_allclose(modes.damping_percent[modes.eigenvalues.imag == 0], 100, rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_missed_eigenvalue_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.modes.quadratic import search, sparse
 

@@ -145,6 +145,7 @@ def test_rigid_motion_is_not_called_unstable(change: str) -> None:
         assert found.is_stable is (True if change == "relative" else None)
 
 
+@pytest.mark.slow
 def test_a_mode_beyond_the_band_that_comes_near_between_the_nodes_is_seen() -> None:
     """The estimate of c is confirmed where the error is largest: as mode 9 dips to the band, bars were 13 times too small."""
     n, top, rng = 60, 8.3, np.random.default_rng(1)

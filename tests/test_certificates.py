@@ -227,6 +227,7 @@ def test_refined_modes_are_those_of_the_full_model(method: object, unsymmetric: 
     assert (out.moved < 3 * np.abs(full.eigenvalues)).all() and repr(out).startswith("Refined: ")
 
 
+@pytest.mark.slow
 def test_refinement_keeps_rows_conjugates_and_rigid_modes() -> None:
     sub = fs.chain(300, belt=40, fixed=False)
     with warnings.catch_warnings():

@@ -131,6 +131,7 @@ def test_a_heavy_damper_shows_in_the_error(method: fs.Method, amount: float) -> 
     assert 0.3 * small.change_error <= off.max() <= small.change_error + 1e-11
 
 
+@pytest.mark.slow
 def test_candidates_tried_together_are_as_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """One basis has the static responses of all, and the full model is solved once for them, whatever their number."""
     solves, responses = list[int](), Wider.responses

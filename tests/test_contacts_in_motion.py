@@ -192,6 +192,7 @@ def test_belts_beside_a_bumper_in_a_cycle() -> None:
         assert abs(point.rms / cycle.rms - 1) > 1e-4
 
 
+@pytest.mark.slow
 def test_the_jacobian_of_coupled_contacts_is_exact() -> None:
     model, rng = part(5), np.random.default_rng(0)
     contact = sliding(model, (CONTACTS[0], Bumper(h=2.0), VanDerPolAt("other")))
@@ -287,6 +288,7 @@ def test_a_contact_is_asked_at_all_times_at_once_or_time_by_time() -> None:
     np.testing.assert_allclose(one.tangents(v, v), other.tangents(v, v), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_branch_over_a_parameter_of_a_contact_of_ones_own() -> None:
     """Van der Pol's ε: against shooting at one end, and the period at ε = 1, 6.6632868593, at the other."""
     model = fs.Substructure([[1.0]], [[1.0]], ports={"mass": [1.0]})
@@ -387,6 +389,7 @@ def test_the_force_of_a_block_that_moves_as_a_whole(lift: float, vx: float, vy: 
     np.testing.assert_allclose(found, AREA * np.append(friction, pressure - P), atol=1e-9 * P * AREA)
 
 
+@pytest.mark.slow
 def test_a_block_on_moving_ground_in_time() -> None:
     """Small motion is that of the pencil; large motion that of SciPy, with the surfaces parting in between."""
     model, contact = pad()

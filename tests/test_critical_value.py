@@ -199,6 +199,7 @@ def test_a_window_below_the_spacing_of_numbers_is_a_window() -> None:
     assert found.value == pytest.approx(1 + 1e-6, abs=1e-12) or found.open
 
 
+@pytest.mark.slow
 def test_affine_is_what_a_contact_declares() -> None:
     chain = fs.chain(3, belt=2)
     kinds = {Dashpot: "confirmed", Straight: "certified", Heir: "confirmed"}
@@ -262,6 +263,7 @@ def test_a_parameter_of_several_contacts_is_affine_if_all_say_so() -> None:
         assert found.evidence != "certified" and found.value == pytest.approx(0.30, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_a_belt_is_affine_in_its_force_and_its_slope_each_alone() -> None:
     chain, law = fs.chain(6, belt=2), fs.StribeckArctan()
     border = float(fs.critical_slope(chain))

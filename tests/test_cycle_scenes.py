@@ -189,6 +189,7 @@ def test_the_period_of_a_few_periods_is_found(guess: float) -> None:
     assert period_near(t, v, guess * 2 * np.pi / 1.3) == pytest.approx(2 * np.pi / 1.3, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_dots_from_a_blow_reach_the_cycle(oscillator: tuple[fs.Substructure, Branch]) -> None:
     model, guide = oscillator
     dot, = families.settled_over(model, RUBBING, "speed", (0.7, 0.9), 1, 60 * 2 * np.pi)

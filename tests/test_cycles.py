@@ -292,6 +292,7 @@ def test_from_a_start_far_from_any_cycle_the_harmonics_are_not_doubled_to_their_
         fs.harmonic_balance(one, belt, start=(t, amplitude * np.cos(omega * t)))
 
 
+@pytest.mark.slow
 def test_what_a_given_number_of_harmonics_leaves_out_is_warned_of() -> None:
     one, belt, run = _slipping(1e-3)
     true = fs.harmonic_balance(one, belt, start=run)

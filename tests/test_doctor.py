@@ -54,6 +54,7 @@ def test_a_wrong_count_of_the_inertia_is_found_out(monkeypatch: pytest.MonkeyPat
     assert any("negative eigenvalues is counted as 0" in line for line in installed.examine().wrong)
 
 
+@pytest.mark.slow
 def test_import_from_the_folder_above_a_clone(tmp_path: Path) -> None:
     """There `femsub` names the clone's folder too, which is no package: the one that is on the path is taken."""
     clone = tmp_path / "femsub"

@@ -121,6 +121,7 @@ def test_the_contact_flutters_where_the_closed_form_says(k: float) -> None:
     assert float(found) == pytest.approx(1 / k + k / 4, abs=1e-6) and found.losses[0].kind == "flutter"
 
 
+@pytest.mark.slow
 def test_the_contact_in_motion_has_its_own_tangents() -> None:
     contact = names_of("contact")["Hardening"](mu=0.7)
     u, v, h = np.array([0.3, -0.2]), np.array([0.1, 0.4]), 1e-6
@@ -148,6 +149,7 @@ def femsub(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "femsub", *words], cwd=folder, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_an_ask_of_ones_own_is_run_by_the_command(places: Path) -> None:
     done = femsub(places, "run", "my.toml", "--out", "out")
     shown = blocks_of("scene", "text")[0].split("--out out\n")[1]

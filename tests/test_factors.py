@@ -109,6 +109,7 @@ def test_the_contacts_of_a_model_share_its_factor_and_its_count() -> None:
     assert made(lambda: fs.sweep(long_chain(), belt, "slope", np.linspace(0, -1e-3, 20), band=BAND)) <= 3  # one bounds Re λ
 
 
+@pytest.mark.slow
 def test_a_border_takes_one_factor_and_one_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(growing_border, "port_responses", None)  # nor one that nobody counts
     assert made(lambda: fs.critical_slope(long_chain(), band=BAND)) == 2
@@ -372,6 +373,7 @@ def test_left_vectors_take_no_factor_of_their_own() -> None:
     assert np.isfinite(found.error_bar).all() and (off <= found.error_bar + 1e-12).all()
 
 
+@pytest.mark.slow
 def test_threads_may_solve_with_a_factor_and_with_its_transpose() -> None:
     K = unsymmetric().K
     factor, b = SparseFactor(K, "general"), np.random.default_rng(1).standard_normal((K.shape[0], 3))

@@ -36,6 +36,7 @@ def expression(rng: np.random.Generator, depth: int) -> str:
                            f"np.square({x}) * a / a", f"np.reciprocal(0.5 + a) * ({x})"]))
 
 
+@pytest.mark.slow
 def test_no_value_of_a_random_formula_lies_outside_its_proved_range() -> None:
     """1,000 formulas of two parameters at 2,500 places each. The pieces make the bounds narrower than one interval is."""
     rng = np.random.default_rng(56)

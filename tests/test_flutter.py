@@ -107,6 +107,7 @@ def test_the_moving_string_to_the_mesh_order() -> None:
         assert (errors[1] < 0.01).all() and (np.abs(errors[0] / errors[1] - 4) < 0.1).all()
 
 
+@pytest.mark.slow
 def test_the_moving_string_is_stable_below_the_speed_of_waves() -> None:
     found = fs.critical_value(string(6), None, "v", between=(0.0, 0.9))
     assert found.value == np.inf and not found.losses and found.evidence == "confirmed"

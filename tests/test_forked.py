@@ -139,6 +139,7 @@ def test_one_thread_may_end_in_any_order() -> None:
         assert [one["num_threads"] for one in libraries().info()] == before
 
 
+@pytest.mark.slow
 def test_constraint_modes_of_a_fork_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.factor.WORK", 0.0)
     monkeypatch.setattr("femsub.algebra.processes.beside.cores", lambda: 2)

@@ -89,6 +89,7 @@ def within(found: fs.FrequencyResponse, exact: np.ndarray) -> np.ndarray:
     return np.asarray((off.real / axes[..., 0]) ** 2 + (off.imag / axes[..., 1]) ** 2 <= 1)
 
 
+@pytest.mark.slow
 def test_ellipses_hold_in_95_percent_of_200_runs_with_noise_of_sensors_in_common() -> None:
     """Of ten measurements. The joint ellipsoid of three entries has all correlation between them in it."""
     parts, loads, joints, _ = pair(1)

@@ -81,6 +81,7 @@ def test_a_tolerance_keeps_fewer_modes_the_wider_it_is() -> None:
     assert sizes[0] < sizes[1]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 def test_what_cannot_be_met_or_counted_is_refused_with_the_reason() -> None:
     one = brake(EASY)
@@ -93,6 +94,7 @@ def test_what_cannot_be_met_or_counted_is_refused_with_the_reason() -> None:
         fs.reduce(masses, fs.ContactModes(band=(0.0, 2.0), tol=1e-2, contacts=Rub()))
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::femsub.PortWarning")
 def test_a_mode_is_called_stable_only_if_the_full_system_is_told_to_agree() -> None:
     one = brake(CLOSE)  # a mode grows in the full system by 1e-7 of |λ|

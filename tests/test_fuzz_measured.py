@@ -23,6 +23,7 @@ def test_functions_in_text_and_binary(tmp_path: Path, binary: bool) -> None:
     assert found.receptance[:, :, 0] == pytest.approx(-h.T / omega[:, None] ** 2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_damaged_universal_files(tmp_path: Path) -> None:
     pytest.importorskip("meshio")
     report = fuzz(fuzz_measured.subjects(tmp_path / "valid"), count=20, seed=1, folder=tmp_path / "damaged")

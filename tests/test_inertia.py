@@ -224,6 +224,7 @@ def test_a_small_model_starts_no_process(plate: fs.Substructure) -> None:
     assert CountBeside.started(plate.K, plate.M, 1e5, 100) is None
 
 
+@pytest.mark.slow
 def test_the_process_starts_before_the_factor_where_it_is_sure_to_be_worth_it(monkeypatch: pytest.MonkeyPatch) -> None:
     solid = fs.solid(fs.block((1.0, 0.5, 0.3), (14, 9, 6), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0),
                      supports={"left": "clamped"})
@@ -268,6 +269,7 @@ def test_a_part_is_counted_beside_its_search(monkeypatch: pytest.MonkeyPatch) ->
         assert 0.3 * len(search) < search.index("ask") < 0.7 * len(search)
 
 
+@pytest.mark.slow
 def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three factorisations less in this process, that of the count and two of the bounds, and the same count."""
     monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", 1e5)
@@ -287,6 +289,7 @@ def test_the_modes_of_a_projection_are_counted_beside_its_bounds(monkeypatch: py
 
 # tests of definiteness beside the search --------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_a_process_beside_tells_signs_as_this_one_does(plate: fs.Substructure) -> None:
     t = float(fs.normal_modes(plate, count=12).eigenvalues[8])
     A, M = sp.csr_array(plate.K + t * plate.M), plate.M
@@ -346,6 +349,7 @@ def test_bounds_of_damping_are_those_of_this_process(share: float, end: str, mon
         assert answers == [None if end == "is killed" else (share == 0, True)]
 
 
+@pytest.mark.slow
 def test_modes_of_a_projection_are_counted_while_their_factor_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("femsub.algebra.counted_beside.WORTH", 1e5)
     order, ask, factor = [], CountBeside.ask, SparseFactor.__init__

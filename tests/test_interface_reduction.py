@@ -73,6 +73,7 @@ def interface(system: fs.System) -> int:
 # a tenth of the interface
 
 
+@pytest.mark.slow
 def test_a_tenth_of_the_interface_keeps_the_frequencies() -> None:
     system = reduced()
     tenth = interface(system) // 10
@@ -298,6 +299,7 @@ def test_interfaces_of_systems_within_systems_are_found() -> None:
     assert np.allclose(elastic(nested, 8), elastic(flat, 8), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_glued_surfaces_are_one_interface() -> None:
     steel, meshes = fs.Material(2.1e11, 0.3, 7850.0), {"a": fs.block((1.0, 1.0, 1.0), (3, 3, 3)),
                                                        "b": fs.block((1.0, 1.0, 1.0), (2, 2, 2))}

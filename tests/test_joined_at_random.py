@@ -20,11 +20,13 @@ def test_seeds_that_were_wrong(seed: int, key: str) -> None:
     assert findings(seed, [key]) == []
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_the_square_of_a_rounding_is_none() -> None:
     """It moved the complex eigenvalues under the belt: a pole of its own, at 1e15."""
     assert findings(187, sorted(METHODS)) == []
 
 
+@pytest.mark.slow
 def test_a_trace_of_elastic_motion_does_not_stiffen_a_rigid_one() -> None:
     """It came by the change to coordinates that are the open interface, where K was changed and not assembled anew."""
     assert findings(243, sorted(METHODS)) == []

@@ -338,6 +338,7 @@ def test_memory_available_is_a_figure() -> None:
     assert found is None or 1e6 < found < 1e15
 
 
+@pytest.mark.slow
 def test_of_more_modes_than_there_are_a_large_model_makes_an_input_error(monkeypatch: pytest.MonkeyPatch,
                                                                          every_model_is_heavy: list[int]) -> None:
     with pytest.warns(fs.FemsubWarning, match="has 800 of finite frequency"):

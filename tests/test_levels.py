@@ -202,6 +202,7 @@ def test_a_damaged_file_is_named_and_what_it_belongs_to_is_made_anew(tmp_path: P
                 assert (u == right[part]).all(), (damaged, part)
 
 
+@pytest.mark.slow
 def test_files_that_are_damaged_behind_the_reduction_are_named_by_expand(tmp_path: Path) -> None:
     parts, method = chain_parts(4), fs.CraigBampton(modes=4)
     levels = fs.reduce_by_levels(parts, method, tmp_path)
@@ -323,6 +324,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
     """kill -9 at the third of four parts: the second run makes the third and the fourth, not the first two."""
     notes = tmp_path / "mark-notes"

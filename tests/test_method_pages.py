@@ -73,6 +73,7 @@ def test_every_method_has_its_page_and_its_picture() -> None:
         assert f"`{key}`" in told["index"]
 
 
+@pytest.mark.slow
 def test_the_pictures_are_drawn_from_the_bases(tmp_path: Path) -> None:
     method_pictures.main(out=tmp_path)
     assert {file.name for file in tmp_path.glob("*.png")} == {file.name for file in (ROOT / "docs/pictures/methods").iterdir()}

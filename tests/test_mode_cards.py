@@ -233,6 +233,7 @@ def test_pairs_of_a_disc_are_counted_where_pads_split_and_mix_them() -> None:
     assert " ".join(map(ordinal, (1, 2, 3, 4, 11, 12, 13, 21, 111))) == "1st 2nd 3rd 4th 11th 12th 13th 21st 111th"
 
 
+@pytest.mark.slow
 def test_a_sentence_names_the_place_of_a_pair() -> None:
     """Of an annulus with a belt's circulatory force between two points, beside the places of its real modes."""
     mesh = fs.annulus(0.05, 0.15, 0.012, (1, 16, 1))

@@ -206,6 +206,7 @@ def test_what_is_computed_by_a_copy_is_the_same() -> None:
     assert fs.branch(orbit.contact.model, BELT, start=orbit, points=2).points[0].omega == pytest.approx(orbit.omega, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_another_process_reads_what_was_pickled() -> None:
     things = [made(name) for name in ("Belt", "Branch", "ReducedSubstructure", "Mesh")]
     code = "import pickle, sys; print(*pickle.load(sys.stdin.buffer), sep='\\n')"

@@ -74,6 +74,7 @@ def test_full_and_complete_reduced_model_agree_under_it() -> None:
     assert apart(refined.modes.eigenvalues, full.eigenvalues) < 1e-8 < np.nanmax(refined.moved)
 
 
+@pytest.mark.slow
 def test_a_large_model_under_it_is_counted() -> None:
     sub, contacts = part(200), [Rubbing(k=0.5, mu=0.8), fs.Belt(slope=-0.02)]
     modes = fs.complex_modes(sub, contacts, band=(0.0, 0.06))
@@ -83,6 +84,7 @@ def test_a_large_model_under_it_is_counted() -> None:
     assert apart(inside, modes.eigenvalues) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_linear_contact_says_the_same() -> None:
     sub, rubbing = part(), Rubbing(k=2.0, mu=0.5)
     given = fs.LinearContact(("normal", "tangential"), stiffness=[[2.0, 0.0], [1.0, 0.0]])
@@ -100,6 +102,7 @@ def test_a_linear_contact_says_the_same() -> None:
     np.testing.assert_allclose(turning.exerted(u, v), [-1.15, -2.35], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_its_own_parameter_is_searched_for_the_loss_of_stability() -> None:
     sub = part(8, sparse=False)
     sub = sub.with_damping(0.01 * sub.K)

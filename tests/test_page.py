@@ -111,6 +111,7 @@ def test_a_run_without_a_page_has_one_afterwards(tmp_path: Path, capsys: pytest.
     assert "files that are not of this run: report.html" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_wrong_folders_and_damaged_files_end_in_one_line(tmp_path: Path, folders: dict[str, Path],
                                                          capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "results.json").write_text('{"scene": "a"}')
@@ -236,6 +237,7 @@ def test_the_verdict_over_a_range_is_that_of_the_critical_value(found: Study) ->
         assert not none.model and answer([none]).answer == "no"
 
 
+@pytest.mark.slow
 def test_the_page_says_what_the_study_recommends(folders: dict[str, Path]) -> None:
     told = results(folders["solid"])
     model = told["compare"]["recommended"][0]["model"]
@@ -255,6 +257,7 @@ def test_the_verdict_says_what_failed_and_that_it_was_interrupted() -> None:
         assert any(words in line for line in told["unchecked"])
 
 
+@pytest.mark.slow
 def test_the_verdict_on_limit_cycles(folders: dict[str, Path]) -> None:
     told = results(folders["chain-limit-cycle"])["cycles"]
     full = {row["family"]: row["is_stable"] for row in told if row["model"] == "full"}
@@ -579,6 +582,7 @@ def of_maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made / "out"
 
 
+@pytest.mark.slow
 def test_a_scene_writes_the_map_and_its_borders(of_maps: Path) -> None:
     with (of_maps / "map.csv").open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))

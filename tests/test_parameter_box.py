@@ -120,6 +120,7 @@ def test_shapes_of_the_full_model(unlike):
     check(small, full.at, (0.0, 0.4), [{"mu": 0.3, "speed": 1.3}])
 
 
+@pytest.mark.slow
 def test_an_eigenvalue_that_crosses_a_contour_divides_the_box():
     # the second mass moves from ω = 0.7 to 1.5: across all edges that a contour around the band may have
     full = fs.Affine(np.eye(3), 0.01 * np.eye(3), [(1.0, np.diag([0.3, 0.0, 9.0])), ("k", np.diag([0.0, 1.0, 0.0]))])
@@ -148,6 +149,7 @@ def test_a_factor_that_takes_no_interval_is_sampled():
     check(small, full.at, (0.0, 1.0), [{"k": k} for k in (0.0, 0.13, 0.2)])
 
 
+@pytest.mark.slow
 def test_a_box_too_wide_for_the_bound_is_open_at_its_ends(monkeypatch):
     monkeypatch.setattr(projected_count, "WIDE", 40)  # as of a model too large to be its own basis
     # there gyroscopic forces may outweigh the stiffness of what is outside the basis

@@ -228,6 +228,7 @@ def test_rigid_motion_and_units_change_no_count(held: bool) -> None:
         assert found is not None and found.number == np.count_nonzero(np.abs(values) < hi)
 
 
+@pytest.mark.slow
 def test_complex_modes_are_certified_by_it_for_a_band_and_a_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Damping that is nowhere proportional, in 260 DOF."""
     sub = lattice(13, 10, held=True, seed=3)
@@ -249,6 +250,7 @@ def test_complex_modes_are_certified_by_it_for_a_band_and_a_count(monkeypatch: p
     assert near.evidence == "certified" and near.counted is not None and near.counted[1] >= 20
 
 
+@pytest.mark.slow
 def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """The projection's pairs, corrected by its own factor, are those of a search and of LAPACK; doublets are corrected as one."""
     sub, rng = lattice(9, 8, held=True, seed=3), np.random.default_rng(5)
@@ -461,6 +463,7 @@ def strongly_damped(cells: int) -> tuple[fs.Pencil, np.ndarray]:
     return fs.Pencil(*(part[order][:, order] for part in whole)), np.concatenate(values)
 
 
+@pytest.mark.slow
 def test_a_count_that_is_possible_is_made_and_one_that_is_not_names_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     """210 strongly damped shapes. Where there are too many for LAPACK, the warning has their number."""
     pencil, values = strongly_damped(210)
@@ -490,6 +493,7 @@ def test_strongly_damped_shapes_of_few_rows_are_those_of_lanczos(seed: int, monk
     assert np.linalg.svd(X.T @ (found[0].A @ Y), compute_uv=False).min() > 1 - 1e-9  # in the norm of A
 
 
+@pytest.mark.slow
 def test_friction_outside_of_the_basis_does_not_keep_corrections_from_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     """A disc and a pad of 348 DOF: the residuals of the pairs join the basis. LAPACK took all 696 eigenvalues."""
     disc = fs.annulus(0.05, 0.15, 0.012, (1, 12, 1))

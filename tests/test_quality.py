@@ -39,6 +39,7 @@ def test_a_complete_basis_lacks_nothing(method: Any) -> None:
     assert np.abs(found.mac - 1).max() < 1e-10 and found.band is None
 
 
+@pytest.mark.slow
 def test_the_papers_models_of_five_dof_lack_half_of_what_grows() -> None:
     for method in (fs.CraigBampton, fs.CraigChang):
         found = fs.self_excitation(FULL, reduced(method, 5), BELT)
@@ -47,6 +48,7 @@ def test_the_papers_models_of_five_dof_lack_half_of_what_grows() -> None:
         assert found.verdict.startswith("other motions are expected: 4 of 8 growing modes are missing (ω = 1.651, 1.801, ")
 
 
+@pytest.mark.slow
 def test_a_residual_shape_that_grows_is_spurious_and_no_mode_of_the_full_model() -> None:
     worse = fs.self_excitation(FULL, reduced(fs.CraigChang, 8), BELT)
     better = fs.self_excitation(FULL, reduced(fs.CraigBampton, 8), BELT)
@@ -94,6 +96,7 @@ def test_loss_and_mac_are_taken_in_energy() -> None:
     assert np.nanmax(found.mac) == pytest.approx(cosine.max(), abs=1e-12) and cosine.min() > 0.01
 
 
+@pytest.mark.slow
 def test_shapes_decide_where_frequencies_are_close() -> None:
     full = fs.Substructure(np.eye(2), np.diag([1.0, 1.02]) ** 2, ports={"belt": [0.1, 0.2]})
     swapped = with_basis(full, np.eye(2), np.diag([1.021, 1.001]) ** 2)
@@ -106,6 +109,7 @@ def test_shapes_decide_where_frequencies_are_close() -> None:
     assert np.isnan(found.mac).all() and np.isnan(found.loss).all() and np.isnan(found.projection_loss)
 
 
+@pytest.mark.slow
 def test_a_mode_that_decays_is_missing_and_one_that_grows_instead_spurious() -> None:
     full = fs.Substructure(np.eye(2), np.diag([1.0, 4.0]), np.diag([0.0, 0.02]), ports={"belt": [0.1, 0.1]})
     other = fs.Substructure(np.eye(2), np.diag([1.0, 4.0]), np.diag([0.02, 0.0]), ports={"belt": [0.1, 0.1]})
@@ -159,6 +163,7 @@ def test_a_large_sparse_model_in_a_band() -> None:
     assert counted.band is not None and len(counted.growing) == 4 and not len(counted.spurious)
 
 
+@pytest.mark.slow
 def test_a_sequence_solves_the_full_model_once(monkeypatch: pytest.MonkeyPatch) -> None:
     from femsub.motion import self_excitation
 

@@ -262,6 +262,7 @@ def drawing(code: str, image: str = "![x](../pictures/tutorials/some-lines.png)\
     return f"```python\n{FIGURE}{code}\n```\n\n{image}"
 
 
+@pytest.mark.slow
 def test_a_figure_is_saved_by_the_block_before_its_image(tmp_path: Path) -> None:
     found, printed, fault = run(drawing("print(1)\nfigure", "```text\n1\n```\n\n![x](../pictures/tutorials/some-lines.png)\n"),
                                 tmp_path)
@@ -279,6 +280,7 @@ def test_a_block_before_an_image_that_draws_nothing_is_a_fault(code: str, tmp_pa
     assert "<block 1>" in fault and not (tmp_path / "some-lines.png").exists()
 
 
+@pytest.mark.slow
 def test_the_output_of_a_page_is_written_into_it(tmp_path: Path) -> None:
     def run_page(*options: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run([sys.executable, "-m", "benchmarks", "pages", str(page), *options], capture_output=True,

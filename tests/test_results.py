@@ -238,6 +238,7 @@ def test_what_the_comparison_would_see() -> None:
     assert difference({"a": None}, {"a": 0.0}) and difference([1], [1, 2]) and not difference([1e-14], [2e-14])
 
 
+@pytest.mark.slow
 def test_all_inputs_and_what_the_run_rests_on_are_told(tmp_path: Path) -> None:
     assert main(["run", scene_file(tmp_path, "solid"), "--no-figures", "--out", str(tmp_path / "out")]) == 0
     told = results(tmp_path / "out")
@@ -251,6 +252,7 @@ def test_all_inputs_and_what_the_run_rests_on_are_told(tmp_path: Path) -> None:
     assert set(told["machine"]) == {"cpu", "cores", "system"} and told["date"].endswith("+00:00")
 
 
+@pytest.mark.slow
 def test_the_package_that_factorised_is_told(tmp_path: Path) -> None:
     code = "import sys; from femsub.app.cli import main; sys.exit(main(sys.argv[1:]))"
     scene = scene_file(tmp_path, "beam", "[reduce]\nmodes = [8]\n[[ask]]\nmodes = 8\n")
@@ -341,6 +343,7 @@ def test_results_of_another_scene_are_told_before_anything_is_computed(tmp_path:
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
+@pytest.mark.slow
 def test_what_only_the_last_run_wrote_goes_and_what_is_yours_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "out"
     text = "[part.beam]\nelements = 20\n" + QUICKLY + "[[ask]]\n{}\n"

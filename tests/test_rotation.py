@@ -138,6 +138,7 @@ def test_no_wave_of_a_band_is_missing_or_added() -> None:
     assert np.allclose(np.sort(found.eigenvalues.imag), expected, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_frequencies_of_a_turning_part_are_counted_by_inertia() -> None:
     """Against all eigenvalues by LAPACK, at many radii; where K is not positive definite nothing is claimed."""
     rng, sub = np.random.default_rng(7), fs.chain(150, damping=0.0)
@@ -157,6 +158,7 @@ def test_the_frequencies_of_a_turning_part_are_counted_by_inertia() -> None:
     assert modes.evidence == "certified" and np.isclose(np.abs(modes.eigenvalues), np.sort(np.abs(exact))[:6], rtol=1e-9).all()
 
 
+@pytest.mark.slow
 def test_any_axis_and_both_directions() -> None:
     mesh, rotor = disc(12)
     turn = la.expm(np.cross(np.eye(3), [0.3, -0.7, 0.4]))

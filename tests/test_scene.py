@@ -66,6 +66,7 @@ def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return chain(tmp_path_factory.mktemp("chain"), paper())
 
 
+@pytest.mark.slow
 def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
     folder, _ = chain_run
     shape = "eigenvalues-shape"
@@ -121,6 +122,7 @@ def test_chain_results_hold_the_paper_s_order_of_methods_for_every_place_of_the_
     assert np.argmax(hcb) == 0 and (cc < hcb).all()
 
 
+@pytest.mark.slow
 def test_growth_of_models_of_several_sizes_stands_apart(tmp_path: Path) -> None:
     text = QUICK + asked('growth = "slope"\npoints = 4\nvary = {"part.chain.belt" = [1, 2, 3]}')
     folder, _ = chain(tmp_path, text)
@@ -168,6 +170,7 @@ def test_without_out_nothing_is_written(tmp_path: Path, monkeypatch: pytest.Monk
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
 
 
+@pytest.mark.slow
 def test_a_chain_without_petsc_s_sizes_never_loads_petsc(tmp_path: Path) -> None:
     scene = scene_file(tmp_path, QUICK + asked('complex-modes = "all"'))
     done = run("run", scene, code="print('petsc4py' in sys.modules)")

@@ -57,6 +57,7 @@ def test_each_command_has_help(name: str, monkeypatch: pytest.MonkeyPatch, capsy
     assert ended.value.code == 0 and capsys.readouterr().out.startswith(f"usage: python -m benchmarks {name}")
 
 
+@pytest.mark.slow
 def test_an_attack_runs_and_names_its_kinds(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")  # else the attack sets it, for all later tests
     monkeypatch.setattr(sys, "argv", ["benchmarks", "attack", "bars", "--cases", "3"])

@@ -49,6 +49,7 @@ def circulatory(seed: int) -> tuple[fs.Affine, list[np.ndarray]]:
     return fs.Affine([(1.0, M), ("a", M1)], [(1.0, D), ("b", D1)], [(1.0, K), ("c", K1)]), parts
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_differences_of_50_digits() -> None:
     with mp.workdps(50):
         for seed in range(8):

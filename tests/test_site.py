@@ -160,6 +160,7 @@ def test_a_tutorial_is_a_notebook_of_its_blocks(page: Path) -> None:
     assert shown == [name for cell in made.cells for name in cell.get("attachments", {})] and "](../pictures" not in words
 
 
+@pytest.mark.slow
 def test_a_notebook_runs_and_shows_its_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nbclient, jupytext = pytest.importorskip("nbclient"), pytest.importorskip("jupytext")
     pytest.importorskip("ipykernel")

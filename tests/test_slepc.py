@@ -167,6 +167,7 @@ def test_a_tree_is_factorised_without_fill() -> None:
     assert entries[1] <= 1.02 * 8 * entries[0]
 
 
+@pytest.mark.slow
 def test_a_thousand_factors_do_not_grow_the_memory() -> None:
     sub = fs.chain(1000, belt=2)
     b = np.ones((1000, 3))

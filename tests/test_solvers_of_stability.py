@@ -61,6 +61,7 @@ def test_a_range_that_falls_is_met_on_the_way_down(begin: float, end: float) -> 
     assert found.evidence == "certified" and found.method == "followed" and not found.open
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unproved")
 def test_the_first_loss_alone_is_that_of_all_with_fewer_solutions(monkeypatch: pytest.MonkeyPatch) -> None:
     chain, belt = fs.chain(10, belt=2), fs.Belt(slope=0.0)
@@ -144,6 +145,7 @@ def test_a_sparse_unsymmetric_pencil_is_followed_with_few_solutions(monkeypatch:
             assert pencil.backward_error(np.array([1j * one.omega]), one.shape[:, None])[0] < 1e-8
 
 
+@pytest.mark.slow
 def test_modes_of_one_projection_are_within_their_bars_of_each_value_s_own() -> None:
     """To first order, and to rounding; and no mode in the band is missing."""
     n = 400
@@ -165,6 +167,7 @@ def test_modes_of_one_projection_are_within_their_bars_of_each_value_s_own() -> 
     assert max(sharp) > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unproved")
 def test_one_projection_counts_at_all_values(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
     """Losses of a chain with a coupled pair are those of each value's own projection, with the undamped modes found once."""
@@ -283,6 +286,7 @@ def test_growing_modes_that_pass_an_edge_far_from_where_a_chord_places_them_are_
     assert attack.attacked("passing on a curve", seed) == "confirmed"
 
 
+@pytest.mark.slow
 def test_a_mode_that_grows_by_2e_5_between_two_samples_alone_is_found() -> None:
     """The small model must hold the modes of the samples well enough for that."""
     assert attack.attacked("sweeping", 861) == "certified"

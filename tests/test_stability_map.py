@@ -204,6 +204,7 @@ def test_a_mode_that_neither_grows_nor_decays_is_undecided_unless_it_is_rigid(st
     assert line.points.sum(axis=1) == pytest.approx(0.9, abs=1e-5) and line.omega == pytest.approx(1.0, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_fields_of_contacts_are_parameters() -> None:
     """c = force · slope, which the chain with its belt under m2 takes up to -0.025567."""
     chain = fs.chain(10, belt=2)
@@ -214,6 +215,7 @@ def test_fields_of_contacts_are_parameters() -> None:
     assert (found.number[np.outer(*found.values) > critical] == 0).all()
 
 
+@pytest.mark.slow
 def test_a_large_model_is_solved_in_a_band() -> None:
     chain = fs.chain(320, belt=2)
     found = fs.stability_map(chain, {"slope": (-0.05, -0.01), "force": (0.5, 1.0)}, contacts=fs.Belt(slope=0.0), points=(2, 2),

@@ -231,6 +231,7 @@ def test_what_states_lack_in_the_basis_is_in_their_sizes(seed: int) -> None:
     assert 0.1 < worst < 1.2, worst
 
 
+@pytest.mark.slow
 def test_a_model_of_a_box_solves_its_states_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     rng, n = np.random.default_rng(1), 80
     K, turn = fs.chain(n).K, sp.random_array((n, n), density=2 / n, rng=np.random.default_rng(2))

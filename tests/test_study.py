@@ -150,6 +150,7 @@ def test_models_of_a_reductor_share_no_memory() -> None:
     assert np.array_equal(large.V, before)
 
 
+@pytest.mark.slow
 def test_models_of_one_method_share_one_basis() -> None:
     """One factor and that of its count for each method, in place of one each for every model; the errors are the same."""
     methods = [kind(modes) for kind in (fs.CraigBampton, fs.CraigChang) for modes in (4, 6, 9)]

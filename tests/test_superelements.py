@@ -661,6 +661,7 @@ def test_a_full_target_is_named_not_the_temporary_folder(arm: Any, tmp_path: Pat
         fs.write_superelement(tmp_path / "target", arm[1], "nastran")
 
 
+@pytest.mark.slow
 def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The frames of all recovered motions were a full matrix: 36 GB for 60,000 of them."""
     full = fs.solid(fs.block((1.0, 0.1, 0.1), (75, 2, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],

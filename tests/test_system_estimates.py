@@ -78,6 +78,7 @@ def test_what_any_methods_cost_a_system(seed: int, kinds: tuple[Callable[[int], 
     check(case, rom, found, most=1e4)  # these bases may be nearer to the full system than what they are compared with
 
 
+@pytest.mark.slow
 def test_the_bounds_hold_however_little_is_known() -> None:
     """Nothing but ten modes of each part, and all shapes that stand for the rest."""
     for seed in range(6):
@@ -94,6 +95,7 @@ def system(pieces: int = 3, n: int = 60, fixed: bool = True) -> fs.System:
     return fs.couple(parts, joints)
 
 
+@pytest.mark.slow
 def test_a_tolerance_takes_fewer_modes_than_one_limit_for_all_parts() -> None:
     """Modes of all parts up to one frequency, the lowest that will do, are many more in all."""
     counts = []
@@ -122,6 +124,7 @@ def test_parts_that_stay_and_given_numbers_of_modes() -> None:
     assert Estimate.of_record(rom.estimate.record()).share == 1.0
 
 
+@pytest.mark.slow
 def test_ports_and_contacts_of_a_system() -> None:
     full, belt = system(), fs.Belt(port="p1.belt", slope=-0.05)
     methods = dict.fromkeys(full.parts, fs.Hurty(band=(0.0, 0.35), tol=TOL))
@@ -302,6 +305,7 @@ def test_the_parts_solve_what_the_whole_would() -> None:
             X.T @ (one.K @ X)).max())
 
 
+@pytest.mark.slow
 def test_the_drift_of_a_free_system_is_estimated_and_its_rigid_motion_is_no_mode() -> None:
     sub = fs.beam(1.0, 8, E=2e11, I=1e-6, rho=7850.0, A=1e-2)
     D = 1e-8 * sub.K.toarray()
@@ -357,6 +361,7 @@ def test_no_model_that_meets_the_tolerance_is_passed_over(seed: int, ports: bool
     assert sum(found and too_high for found, too_high in asked) <= 0.1 * len(asked)  # and hardly one is solved in vain
 
 
+@pytest.mark.slow
 def test_lower_bounds_by_lanczos_are_those_of_lapack(monkeypatch: pytest.MonkeyPatch) -> None:
     """And those of all Ritz modes, of which they need none."""
     for full, top in ((system(12, 180), 0.3), (system(12, 180, fixed=False), 0.3), (plates(), 1000.0)):

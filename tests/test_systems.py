@@ -109,6 +109,7 @@ def test_forces_become_those_of_the_full_system(key: str) -> None:
     assert force_error(full, full, BAND) < ROUNDING and np.isnan(force_error(full, complete, (100.0, 200.0)))
 
 
+@pytest.mark.slow
 def test_a_study_of_a_system_compares_methods_part_by_part() -> None:
     full = system()
     methods = [dict.fromkeys(full.parts, fs.CraigBampton(4)), {"p0": fs.CraigBampton(8), "p1": fs.CraigBampton(6)},

@@ -262,6 +262,7 @@ def test_rigid_motion_that_a_method_does_not_tell_is_found() -> None:
     assert len(silent.reference[0]) == len(told.reference[0])
 
 
+@pytest.mark.slow
 def test_a_long_chain_against_its_closed_form() -> None:
     for kind in (fs.CraigBampton, fs.CraigChang):
         rom = fs.reduce(fs.chain(8000, belt=2, interface=(1, 3500)), kind(band=(0.0, 5e-3), tol=1e-4), ports=True)
@@ -293,6 +294,7 @@ def test_interface_empty_or_everything() -> None:
         assert rom.modes == 0 if interface else rom.modes >= 7
 
 
+@pytest.mark.slow
 def test_special_components() -> None:
     sub = fs.chain(150, belt=3, interface=(1, 20))
     mass = np.where(np.arange(150) % 3 == 0, 0.0, 1.0)
@@ -384,6 +386,7 @@ def test_a_mode_on_the_edge_of_the_band_is_in_the_estimate(interface: list[int],
     assert len(rom.estimate.frequencies) == 4
 
 
+@pytest.mark.slow
 def test_a_wide_interface_is_estimated_from_the_band_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """The estimate's coordinates are twice the interface DOF and more; all of their eigenvalues would take minutes."""
     mesh = fs.block((1.0, 0.3, 0.2), (4, 8, 5), "hexahedron")

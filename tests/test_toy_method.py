@@ -89,6 +89,7 @@ def test_study_table_and_figures_name_it(second: Any) -> None:
     assert (line.get_label(), line.get_color(), line.get_marker()) == (LABEL, COLOUR, "D")
 
 
+@pytest.mark.slow
 def test_scene_files_take_it_by_its_key(second: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "toy.toml").write_text(SCENE)
     assert main(["run", "-v", str(tmp_path / "toy.toml"), "--out", str(tmp_path / "out")]) == 0

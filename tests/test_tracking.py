@@ -259,6 +259,7 @@ def test_a_sparse_model_is_searched_in_its_band() -> None:
         fs.track(model, None, "p", values)
 
 
+@pytest.mark.slow
 def test_many_values_of_a_large_model_take_one_small_one() -> None:
     """Its branches are those of single solutions within their error bars, and meet where these do; no value has a factor."""
     n, band = 400, (0.0, 0.06)

@@ -82,6 +82,7 @@ def test_reduced_models_go_to_the_cycles_of_fig_5(kind: str, frequency: float) -
     np.testing.assert_allclose(np.sort(found.peaks)[:3], frequency * np.arange(1, 4), rtol=5e-3)  # and multiples
 
 
+@pytest.mark.slow
 def test_the_full_model_looks_different_before_it_settles() -> None:
     run = fs.transient(paper("full"), BELT, (0, 2000), record_from=1000, step=0.2)
     found = fs.spectrum(run.t, run.velocity("belt"))
@@ -107,6 +108,7 @@ def test_a_run_goes_on_where_another_ended() -> None:
     assert whole.end == 200 and whole.complete
 
 
+@pytest.mark.slow
 def test_grids_and_records() -> None:
     model = fs.chain(3, belt=2)
     run = fs.transient(model, BELT, (0, 10), samples=7, record="states")
@@ -151,6 +153,7 @@ def test_several_belts_and_columns() -> None:
     np.testing.assert_allclose(done.y[6:, -1], run.final.velocity, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_alpha_agrees_with_lsoda_and_closes_the_balance() -> None:
     full = fs.chain(10, belt=2, damping=0.1)
     start = fs.transient(paper("CC"), BELT, (0, 600), samples=1).final
@@ -164,6 +167,7 @@ def test_alpha_agrees_with_lsoda_and_closes_the_balance() -> None:
     assert errors[1] < 2e-3 and errors[1] < errors[0] / 3
 
 
+@pytest.mark.slow
 def test_a_large_sparse_model_takes_one_factor_per_step_size() -> None:
     model = fs.chain(2000, belt=2, damping=0.1)
     start = sliding(model, BELT).impulse(0.1)
@@ -329,6 +333,7 @@ def test_a_start_inside_the_sticking_phase_leaves_it_where_the_spring_overcomes_
     assert run.port("belt")[run.t < 4.5] == pytest.approx(0.1 * run.t[run.t < 4.5], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_narrow_friction_layer_is_integrated_right() -> None:
     """ε → 1e-6: the arctan law tends to Coulomb's, and two methods find the same cycle."""
     belt = fs.Belt(speed=0.1, law=fs.StribeckArctanOdd(eps=1e-6))

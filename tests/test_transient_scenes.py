@@ -226,6 +226,7 @@ def test_after_ctrl_c_in_the_growth_of_a_disc_no_other_run_begins(tmp_path: Path
     assert "compare-motion" not in data and "motion-spectrum" in data
 
 
+@pytest.mark.slow
 def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     runs: list[int] = []
     plain = fs.transient
@@ -237,6 +238,7 @@ def test_a_reduced_solid_runs_as_often_as_repeats_says(tmp_path: Path, monkeypat
     assert runs == [small, rows[0]["size"], small, small]
 
 
+@pytest.mark.slow
 def test_a_motion_that_the_reduction_makes_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its strongest line lies above the cut-off: there `critical` refuses, and a trajectory must not pass for an answer."""
     K = sp.diags([2.0, -1.0, -1.0], [0, 1, -1], shape=(6, 6))

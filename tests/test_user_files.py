@@ -147,6 +147,7 @@ def test_flutter_of_own_meshes_with_friction(tmp_path: Path) -> None:
     assert len(data["complex-modes"]["unstable"]) == len(modes.unstable)
 
 
+@pytest.mark.slow
 def test_response_of_two_joined_superelements(tmp_path: Path) -> None:
     scene, data, _ = ran(RESPONSE, tmp_path)
     system = scene.models.full

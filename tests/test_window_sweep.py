@@ -135,6 +135,7 @@ def test_what_is_left_of_each_equation_is_bounded(power: int, reach: float, h: f
         assert (np.abs(turned - np.diag(window.lam - s + t * window.B.diagonal())) <= F * 1.001).all()
 
 
+@pytest.mark.slow
 def test_what_is_not_bounded_is_left(caplog: pytest.LogCaptureFixture) -> None:
     """With no room for shorter windows, or for more of them, the sweep gives pieces instead of crossings, and logs why."""
     family = rubbing(0)

@@ -46,6 +46,7 @@ def as_another(code: str, home: Path) -> subprocess.CompletedProcess[str]:
                           env={**os.environ, "HOME": str(home), "NUMBA_CACHE_DIR": str(home), "MPLCONFIGDIR": str(home)})
 
 
+@pytest.mark.slow
 def test_no_reader_meets_a_file_without_rights_unprepared(folder: Path) -> None:
     """Of these, five raised a raw PermissionError. A folder that may not be entered is the same."""
     (folder / "closed").mkdir()
@@ -72,6 +73,7 @@ for reader, suffixes in {SUFFIXES!r}.items():
     assert done.returncode == 0 and done.stdout == "", done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_the_commands_say_in_one_line_what_they_may_not_read_or_write(folder: Path) -> None:
     """A scene, a Python file, results, a page's results, a matrix that a scene names, the folder of --out."""
     scene = f'scene = "chain"\n{QUICK}'

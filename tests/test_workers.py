@@ -108,6 +108,7 @@ def test_two_workers_give_the_digits_of_one(folder: Path) -> None:
     assert not list(folder.iterdir())
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_named_and_the_run_goes_on_from_the_others(folder: Path, tmp_path: Path) -> None:
     whole = system()
     given = methods(whole) | {"t0": Dying(3, mark=str(tmp_path / "mark"))}
@@ -140,6 +141,7 @@ def surroundings() -> tuple[set[int], dict[str, str]]:
     return {one["num_threads"] for one in libraries().info()}, told
 
 
+@pytest.mark.slow
 def test_a_worker_has_one_thread_of_blas_and_is_no_child_of_mpiexec(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in (*ONE, "PMIX_RANK"):
         monkeypatch.setenv(name, "2")
@@ -344,6 +346,7 @@ def test_a_worker_that_is_stopped_is_named_and_what_is_advised_works(sent: signa
     assert len(said) == 1 and re.match(r"the part 'a' waits: process \d+ is stopped \(state T\)", said[0])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
 def test_an_idle_worker_that_is_stopped_is_not_waited_for(folder: Path) -> None:
     late = continued(folder)
@@ -462,6 +465,7 @@ def twins() -> fs.System:
     return fs.couple({**pads, "disc": disc}, [fs.Rigid(("left", [11]), ("disc", [0])), fs.Rigid(("right", [11]), ("disc", [8]))])
 
 
+@pytest.mark.slow
 def test_a_pool_of_forks_is_refused_with_its_remedy() -> None:
     """Children forked behind a factorisation would hang in PETSc for ever. A pool that spawns is taken."""
     from concurrent.futures import ProcessPoolExecutor
@@ -674,6 +678,7 @@ def main():
 """
 
 
+@pytest.mark.slow
 def test_a_process_that_may_start_none_says_so(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(DAEMON + GUARD)
     done = subprocess.run([sys.executable, tmp_path / "script.py"], env=environment(tmp_path), capture_output=True, text=True,
@@ -702,6 +707,7 @@ except fs.NotEnoughMemoryError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="reads /proc")
 def test_a_limit_of_memory_is_an_error_before_the_factorisation_and_no_hang(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", LIMITED.format(which="RLIMIT_AS")],
