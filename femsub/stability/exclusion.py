@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
-SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -154,22 +153,8 @@ class Family:
         return x / np.linalg.norm(x)
 
     def tested(self, begin: float, end: float) -> list[Stretch]:
-        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out.
-
-        Where its discs are too large, the same decomposition excludes a shorter interval around the middle.
-        """
-        m, whole = (begin + end) / 2, self._excluded(begin, end)
-        if len(whole) > 1 or whole[0].growing is not None:
-            return whole
-        for share in SHARES:
-            a, b = m - share * (m - begin), m + share * (end - m)
-            if b - a > self.least and (len(inner := self._excluded(a, b, m)) > 1 or inner[0].growing is not None):
-                return [Stretch(begin, a, None), *inner, Stretch(b, end, None)]
-        return whole
-
-    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Stretch]:
-        """The interval by discs around the eigenvalues at m, its middle: as one part, or what remains cut out."""
-        m, h = (begin + end) / 2 if m is None else m, (end - begin) / 2
+        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out."""
+        m, h = (begin + end) / 2, (end - begin) / 2
         found = self.spectrum(m)
         with np.errstate(all="ignore"):
             slope, curved, towards = self.slope, np.zeros_like(found.noise), np.zeros(len(found.z))
