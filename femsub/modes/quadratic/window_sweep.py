@@ -382,10 +382,7 @@ class Window:
 
     def turn(self, h: float) -> Array:
         """X̂ (n, n) for |t| ≤ h, 0 where vectors would turn by too much."""
-        B, gap = np.abs(self.B), self.lam - self.lam[:, None]
-        far = np.abs(gap) > 4 * h * (B + B.T)
-        np.fill_diagonal(far, False)
-        X = np.where(far, self.B / np.where(far, gap, 1.0), 0.0)
+        X = first_turn(self.lam, self.B, h * np.abs(self.B))
         return np.where(h * np.abs(X).sum(axis=1, keepdims=True) <= 0.5, X, 0.0)
 
     def rest(self, given: Segment, h: float) -> Array | None:
@@ -491,6 +488,17 @@ class Window:
         if not _radius(F[np.ix_(others, others)], D[None, others])[0] < BELOW:
             return np.inf
         return float(F[i, i] + F[i, others] @ np.maximum(la.solve(rest, F[others, i]), 0.0)) * (1 + 1e-9)
+
+
+def first_turn(z: Array, B: Array, size: Array) -> Array:
+    """X of the turn of eigenvectors to first order: b_ij / (z_j - z_i) where z are far apart beside `size` (k, k), else 0.
+
+    B may be several matrices (q, k, k) of this size together. No entry of X is above 1/4 beside it.
+    """
+    gap = z - z[:, None]  # z_j - z_i
+    far = np.abs(gap) > 4 * (size + size.T)
+    np.fill_diagonal(far, False)
+    return np.where(far, B / np.where(far, gap, 1.0), 0.0)
 
 
 def _radius(F: Array, D: Array, steps: int = 16) -> Array:
