@@ -181,16 +181,10 @@ class Labels:
 
     def one_by_one(self, at: Array) -> None:
         """Labels of these points, each from its own eigenproblem."""
-        solver = self.solver
-        if solver.together:
-            for i, found in zip(at.tolist(), solver(self.points[at]), strict=True):
-                self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
-            self.solved += len(at)
-            return
-        points, self.solved = self.points[at], self.solved + len(at)
-        if solver.modes:
-            for i, (found, whole) in zip(at.tolist(), solver.each(solver.alone, points), strict=True):
-                self.whole &= whole
+        solver, points, self.solved = self.solver, self.points[at], self.solved + len(at)
+        if solver.together or solver.modes:
+            for i, found in zip(at.tolist(), solver(points), strict=True):
+                self.whole &= found.whole
                 self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
             return
         for i, modes in zip(at.tolist(), map(solver.whole, points), strict=True):
