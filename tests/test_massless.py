@@ -350,6 +350,22 @@ def test_a_number_that_depends_on_rounding_is_not_certified() -> None:
             assert fs.complex_modes(pencil).evidence == "not checked"
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_constraint_of_velocities_leaves_no_infinite_eigenvalue_in_the_list(seed: int) -> None:
+    """λ bᵀq = 0 by a multiplier in D, whose mass is rounding: QZ returns its infinite eigenvalues as numbers of any size."""
+    n, rng = 5, np.random.default_rng(seed)
+    A, b = rng.standard_normal((n, n)), rng.standard_normal(n)
+    M, D, K = np.zeros((3, n + 1, n + 1))
+    M[:n, :n], D[:n, :n], K[:n, :n], D[n, :n], D[:n, n], M[n, n] = np.eye(n), 0.01 * np.eye(n), A @ A.T, b, b, 3e-15
+    Q = np.linalg.qr(rng.standard_normal((n + 1, n + 1)))[0]
+    with pytest.warns(fs.ConditionWarning, match="constraint holds velocities"):
+        found = fs.complex_modes(fs.Pencil(*(Q.T @ part @ Q for part in (M, D, K)))).eigenvalues
+    Z = la.null_space(b[None])
+    exact = fs.complex_modes(fs.Pencil(*(Z.T @ part[:n, :n] @ Z for part in (M, D, K)))).eigenvalues
+    moving = found[np.abs(found) > 1e-3]
+    assert len(moving) == len(exact) and np.abs(moving[:, None] - exact).min(axis=0).max() < 1e-6
+
+
 @pytest.mark.slow
 def test_a_rounding_of_lapack_alone_leaves_no_number_open() -> None:
     """M = BᵀB of whole numbers is singular. LAPACK's least eigenvalue may be 1e-15: `run chain-parts` warned of it."""

@@ -75,7 +75,7 @@ from .quadratic.projected_count import (
 from .quadratic.region import Contour as Contour, Count as Count, Region as Region, region_of as region_of
 from .quadratic.search import count_over as count_over, projection_over as projection_over, search as search
 from .quadratic.singular_mass import REGULAR as REGULAR
-from .quadratic.window_sweep import WindowSweep as WindowSweep
+from .quadratic.window_sweep import WindowSweep as WindowSweep, first_turn as first_turn
 from .receptance import (
     FrequencyResponse as FrequencyResponse,
     frequency_response as frequency_response,

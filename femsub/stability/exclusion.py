@@ -31,14 +31,13 @@ import scipy.linalg as la
 from femsub.algebra import equilibration, scaled
 from femsub.checks import EPS, Array, InputError
 from femsub.model import SAMPLES
-from femsub.modes import REGULAR, definite_form
+from femsub.modes import REGULAR, definite_form, first_turn
 from femsub.stability.parameter import PencilOver
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
-SHARES = 0.5 ** (np.arange(1, 7) / 2)  # of an interval that is not excluded: shorter ones around its middle
 RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
 
 
@@ -154,22 +153,8 @@ class Family:
         return x / np.linalg.norm(x)
 
     def tested(self, begin: float, end: float) -> list[Stretch]:
-        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out.
-
-        Where its discs are too large, the same decomposition excludes a shorter interval around the middle.
-        """
-        m, whole = (begin + end) / 2, self._excluded(begin, end)
-        if len(whole) > 1 or whole[0].growing is not None:
-            return whole
-        for share in SHARES:
-            a, b = m - share * (m - begin), m + share * (end - m)
-            if b - a > self.least and (len(inner := self._excluded(a, b, m)) > 1 or inner[0].growing is not None):
-                return [Stretch(begin, a, None), *inner, Stretch(b, end, None)]
-        return whole
-
-    def _excluded(self, begin: float, end: float, m: float | None = None) -> list[Stretch]:
-        """The interval by discs around the eigenvalues at m, its middle: as one part, or what remains cut out."""
-        m, h = (begin + end) / 2 if m is None else m, (end - begin) / 2
+        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out."""
+        m, h = (begin + end) / 2, (end - begin) / 2
         found = self.spectrum(m)
         with np.errstate(all="ignore"):
             slope, curved, towards = self.slope, np.zeros_like(found.noise), np.zeros(len(found.z))
@@ -198,7 +183,7 @@ class Family:
         """
         h = (end - begin) / 2
         speed = discs.drift.real[touching] / h
-        radius = discs.axis[touching] + _isolated(discs)[touching]
+        radius = discs.axis[touching] + isolated(discs.F, discs.apart)[touching]
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
@@ -315,38 +300,36 @@ def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs
     `extra` (m, m) bounds rounding and what is not affine, `towards` (m,) the real part of its diagonal.
     """
     b = B.diagonal().copy()
-    gap = z - z[:, None]  # z_j - z_i
-    far = np.abs(gap) > 4 * h * (np.abs(B) + np.abs(B).T)  # then no entry of hX is above 1/4
-    np.fill_diagonal(far, False)
-    X = np.where(far, B / np.where(far, gap, 1.0), 0.0)
+    X = first_turn(z, B, h * np.abs(B))
     if h * np.abs(X).sum(axis=1).max() > 1 / 2:  # I - h|X| must be far from singular: at 1 its inverse may be infinite
         X = np.zeros_like(X)
     first = np.where(X != 0, 0.0, np.abs(B))
     np.fill_diagonal(first, 0.0)
-    C, turned = B @ X - X * b, h * extra @ np.abs(X)
-    G = h * first + h**2 * np.abs(C) + extra + turned
+    C, moved = B @ X - X * b, h * extra @ np.abs(X)
+    G = h * first + h**2 * np.abs(C) + extra + moved
     if not np.isfinite(G).all():
         return None
     F = la.solve(np.eye(len(z)) - h * np.abs(X), G, check_finite=False)
-    axis = h**2 * np.abs(C.diagonal().real) + towards + turned.diagonal() + h * np.einsum("ij,ji->i", np.abs(X), F)
+    axis = h**2 * np.abs(C.diagonal().real) + towards + moved.diagonal() + h * np.einsum("ij,ji->i", np.abs(X), F)
     return _Discs(z, h * b, F, axis)
 
 
-def _isolated(discs: _Discs) -> Array:
-    """Radii τ_i r_i of discs that are clear of all others and hold one eigenvalue each, (m,); inf where there is none.
+def isolated(F: Array, apart: Array) -> Array:
+    """Radii τ_i r_i, r_i = Σ_{j≠i} f_ij, of discs that are clear of all others and hold one eigenvalue each, (m,); else inf.
 
-    With τ_i disc i has the radius f_ii + τ_i r_i, r_i = Σ_{j≠i} f_ij, and the others f_jj + r_j - f_ji + f_ji/τ_i. The smallest
-    τ_i that keeps it clear of each of them is the lower root of a quadratic equation.
+    `apart` (m, m) are the least distances of the centres less f_ii and f_jj, inf on its diagonal. With τ_i disc i has the radius
+    f_ii + τ_i r_i, and the others f_jj + r_j - f_ji + f_ji/τ_i. The smallest τ_i that keeps it clear of each of them is the lower
+    root of a quadratic equation.
     """
-    rest, into = discs.rest, discs.F.T
-    slack = discs.apart - (rest - into)
-    np.fill_diagonal(slack, np.inf)
+    rest, into = F.sum(axis=1) - F.diagonal(), F.T
+    slack = apart - (rest - into)
+    own = np.isinf(slack)
     with np.errstate(all="ignore"):
         root = np.sqrt(slack**2 - 4 * rest[:, None] * into)
-        lower = np.where(np.isinf(slack), 0.0, 2 * into / (slack + root)).max(axis=1) * (1 + 1e-6)
-        upper = np.where(np.isinf(slack), np.inf, (slack + root) / (2 * rest[:, None])).min(axis=1)
-    clear = ((slack > 0) & ~np.isnan(root)).all(axis=1) & (lower < upper)
-    return np.where(clear, lower * rest, np.inf)
+        lower = np.where(own, 0.0, 2 * into / (slack + root)).max(axis=1) * (1 + 1e-6)
+        upper = np.where(own, np.inf, (slack + root) / (2 * rest[:, None])).min(axis=1)
+        clear = ((slack > 0) & ~np.isnan(root)).all(axis=1) & ((lower < upper) | (rest == 0))
+        return np.where(clear, np.where(rest > 0, lower * rest, 0.0), np.inf)
 
 
 def _touching(discs: _Discs, mirrored: bool) -> tuple[Array, Array]:
@@ -360,12 +343,12 @@ def _touching(discs: _Discs, mirrored: bool) -> tuple[Array, Array]:
     links, doubtful, count = discs.apart <= rest[:, None] + rest, touch, 0
     while count < (count := int(np.count_nonzero(doubtful))):
         doubtful = doubtful | links[:, doubtful].any(axis=1)
-    near = doubtful & (rate <= discs.reach(_isolated(discs)))
+    near = doubtful & (rate <= discs.reach(isolated(discs.F, discs.apart)))
     if not mirrored or not near.any():
         return near, none
     # a disc centred on the axis that is clear of all others: with its eigenvalue it holds the mirrored one, hence they are one
     off = np.where(near, rate + np.abs(discs.drift.real), 0.0)
     moved = _Discs(np.where(near, 1j * discs.z.imag, discs.z), np.where(near, 1j * discs.drift.imag, discs.drift),
                    discs.F + np.diag(off), discs.axis)
-    stays = near & np.isfinite(_isolated(moved))
+    stays = near & np.isfinite(isolated(moved.F, moved.apart))
     return near & ~stays, stays

@@ -115,7 +115,7 @@ class Labels:
                 now, waiting = waiting[-WAVE:], waiting[:-WAVE]
                 self.solved += len(now)
                 for at, found in zip(now, self.solver.each(partial(self._leaf, source, known, factors), now), strict=True):
-                    rest, cuts, values, votes, shapes, place = found
+                    rest, parameter, values, votes, shapes, place = found
                     done = ~np.isin(at, rest)
                     if done.any():
                         used = (votes[done] >= 0).any(axis=0)
@@ -127,17 +127,14 @@ class Labels:
                         self._take(at[done], values[done], votes[done], number.tolist())
                     if len(rest) and not np.ptp(self.points[rest], axis=0).any():
                         alone.append(rest)
-                        continue
-                    parts = [rest]
-                    for parameter in cuts:
-                        sides = [(part, self.points[part, parameter]) for part in parts if len(part)]
-                        lower = [column <= (column.min() + column.max()) / 2 for _, column in sides]
-                        parts = [part[side] for (part, _), low in zip(sides, lower, strict=True) for side in (low, ~low)]
-                    waiting += [part for part in parts if len(part)]
+                    elif len(rest):
+                        column = self.points[rest, parameter]
+                        low = column <= (column.min() + column.max()) / 2
+                        waiting += [part for part in (rest[low], rest[~low]) if len(part)]
         return np.concatenate([left, *alone]).astype(int)
 
     def _leaf(self, source: Enclosed, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
-        """What is left open of these points and along which parameters to halve them; values, votes and shapes; the middle."""
+        """What is left open of these points and along which parameter to halve them; values, votes and shapes; the middle."""
         p = self.points[at]
         lo, hi = p.min(axis=0), p.max(axis=0)
         place, widest = (lo + hi) / 2, int(np.argmax((hi - lo) / np.where(hi > lo, np.ptp(self.points, axis=0), 1.0)))
@@ -145,7 +142,7 @@ class Labels:
         none = np.zeros((len(at), 0))
         linear = source.linear(place)
         if (middle := Middle.of(linear, here)) is None:
-            return at, [widest], none, none, none, place
+            return at, widest, none, none, none, place
         changes = known[at] - here
         ends = np.repeat(place[None], 2 * len(place), axis=0)
         ends[0::2][np.diag_indices(len(place))], ends[1::2][np.diag_indices(len(place))] = lo, hi
@@ -153,19 +150,16 @@ class Labels:
         around = middle.around(changes, moved[1::2] - moved[0::2])
         a, b, low, high = self.region
         listed = np.flatnonzero(middle.z.imag >= 0)
-        # where vectors turn much, two halvings at once
         turning = [around.turning(moved[2 * i:2 * i + 2], listed) for i in range(len(place))]
-        first = int(np.argmax(turning)) if max(turning) > 0 else widest
-        turning[first] /= 2
-        cuts = [first, int(np.argmax(turning))]
+        parameter = int(np.argmax(turning)) if max(turning) > 0 else widest
         if not np.isfinite(around.F).all():
-            return at, cuts, none, none, none, place
+            return at, parameter, none, none, none, place
         radius = np.zeros(len(listed))
         if source.error is not None:
             # of the largest |λ| in the leaf: a real one may pass 0
             radius = source.error(place, lo, hi) * np.maximum(np.abs(around.centres(changes, listed)).max(axis=0), source.still)
             if not np.isfinite(radius).all():
-                return at, cuts, none, none, none, place
+                return at, parameter, none, none, none, place
         values, votes, own = around.votes(changes, listed, radius)
         if source.error is not None:
             votes[votes == 0] = 2  # of states that stay: those of the place itself may decide
@@ -175,22 +169,16 @@ class Labels:
         edge |= (np.abs(values.imag - low) <= doubt) & (low > 0)
         votes = np.where(edge & (votes != -1), 2, np.where(inside, votes, -1))
         values = np.where(inside, values, np.nan)
-        return (at[(votes == 2).any(axis=1)], cuts[:1], values, votes, linear.x @ middle.V[:, listed], place)
+        return (at[(votes == 2).any(axis=1)], parameter, values, votes, linear.x @ middle.V[:, listed], place)
 
     # one by one
 
     def one_by_one(self, at: Array) -> None:
         """Labels of these points, each from its own eigenproblem."""
-        solver = self.solver
-        if solver.together:
-            for i, found in zip(at.tolist(), solver(self.points[at]), strict=True):
-                self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
-            self.solved += len(at)
-            return
-        points, self.solved = self.points[at], self.solved + len(at)
-        if solver.modes:
-            for i, (found, whole) in zip(at.tolist(), solver.each(solver.alone, points), strict=True):
-                self.whole &= whole
+        solver, points, self.solved = self.solver, self.points[at], self.solved + len(at)
+        if solver.together or solver.modes:
+            for i, found in zip(at.tolist(), solver(points), strict=True):
+                self.whole &= found.whole
                 self._take(np.array([i]), found.values[None], found.votes[None], [-1] * len(found.values))
             return
         for i, modes in zip(at.tolist(), map(solver.whole, points), strict=True):

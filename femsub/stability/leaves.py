@@ -13,7 +13,7 @@ diagonal of C, which is known at each value, what is left beside diag(z + Σ t_q
     F = G + (I - |X|)⁻¹ |X| (G + |diag C|),   |(I + X)⁻¹ - I| ≤ (I - |X|)⁻¹ |X|.
 
 Each eigenvalue is in the union of the discs around these centres with radii Σ_j f_ij. Of a disc that is clear of all others for
-all values, the radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (as in `exclusion`). So the sign of
+all values, the radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (`exclusion.isolated`). So the sign of
 Re λ is known at each value for itself, where the centre is farther from the axis than the radius.
 
 Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec. 1.1 and 2.1 (scaled discs and their counts); A.
@@ -28,8 +28,8 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
-
-TURNED = 4.0  # a vector is turned towards another where z are so many times farther apart than the entries are large
+from femsub.modes import first_turn
+from femsub.stability.exclusion import isolated
 
 
 class Linear(Protocol):
@@ -144,12 +144,10 @@ class Middle(NamedTuple):
         for own, part in zip(B, mixed, strict=True):
             own[:, half] = self.inverse @ (part @ self.V[:, half])
             own[:, n:2 * n] = own[partner][:, :n].conj()
-        gap, entries = self.z - self.z[:, None], np.abs(B).sum(axis=0)  # z_j - z_i
-        far = np.abs(gap) > TURNED * (entries + entries.T)
-        np.fill_diagonal(far, False)
-        X, b = np.where(far, B / np.where(far, gap, 1.0), 0.0), np.einsum("qii->qi", B)
-        turned = np.abs(X).sum(axis=0)
-        G = np.where(far, 0.0, entries)
+        entries, b = np.abs(B).sum(axis=0), np.einsum("qii->qi", B)
+        X = first_turn(self.z, B, entries)
+        turn = np.abs(X).sum(axis=0)
+        G = np.where(turn > 0, 0.0, entries)
         np.fill_diagonal(G, 0.0)
         curved, short = np.zeros((len(B), len(B), k), dtype=complex), (B[:, half].astype(np.complex64), X.astype(np.complex64))
         for q in range(len(B)):
@@ -164,10 +162,10 @@ class Middle(NamedTuple):
         moved = np.tensordot(np.abs(changes[:, varied]).max(axis=0, initial=0.0), np.abs(self.linear.a[1 + varied]), 1)
         other = left + 4 * EPS * (np.abs(self.solved) @ moved)
         noise = self.noise + np.abs(self.inverse) @ (other @ np.abs(self.V))
-        G += noise + noise @ turned + 2 * k * np.finfo(np.float32).eps * (entries @ turned)
-        whole = turned @ (G + np.diag(np.abs(curved).sum(axis=(0, 1))))
+        G += noise + noise @ turn + 2 * k * np.finfo(np.float32).eps * (entries @ turn)
+        whole = turn @ (G + np.diag(np.abs(curved).sum(axis=(0, 1))))
         try:
-            found = np.linalg.solve(np.eye(len(G)) - turned, np.column_stack([whole, np.ones(len(G))]))
+            found = np.linalg.solve(np.eye(len(G)) - turn, np.column_stack([whole, np.ones(len(G))]))
         except np.linalg.LinAlgError:
             found = np.full((len(G), len(G) + 1), np.inf)
         held = (found[:, -1] > 0).all() and np.isfinite(found).all()
@@ -198,23 +196,15 @@ class Around(NamedTuple):
 
         A group are plain discs that may hang together at some value.
         """
-        own = self.F.diagonal()
-        rest, into, z = self.F.sum(axis=1) - own, self.F.T, self.middle.z
+        own, z = self.F.diagonal(), self.middle.z
+        plain = self.F.sum(axis=1)
         apart = np.abs(z[:, None] - z) - own[:, None] - own
         for move in (*self.b, *self.curved.reshape(-1, len(z))):
             if move.any():
                 apart -= np.abs(move[:, None] - move)
         np.fill_diagonal(apart, np.inf)
-        slack = apart - (rest - into)
-        np.fill_diagonal(slack, np.inf)
-        with np.errstate(all="ignore"):
-            root = np.sqrt(slack**2 - 4 * rest[:, None] * into)
-            lower = np.where(np.isinf(slack), 0.0, 2 * into / (slack + root)).max(axis=1) * (1 + 1e-6)
-            upper = np.where(np.isinf(slack), np.inf, (slack + root) / (2 * rest[:, None])).min(axis=1)
-        clear = ((slack > 0) & ~np.isnan(root)).all(axis=1) & ((lower < upper) | (rest == 0))
-        links = sp.csr_array(apart <= rest[:, None] + rest)
-        group = sp.csgraph.connected_components(links, directed=False)[1]
-        return np.where(clear, np.where(rest > 0, lower * rest, 0.0) + own, np.inf), rest + own, group
+        links = sp.csr_array(apart <= (plain - own)[:, None] + (plain - own))
+        return isolated(self.F, apart) + own, plain, sp.csgraph.connected_components(links, directed=False)[1]
 
     def votes(self, changes: Array, at: Array, known: Array) -> tuple[Array, Array, Array]:
         """Centres of the eigenvalues `at`; 1 for one that grows, -1 for one that decays, 0 within `known` of the axis, else 2.

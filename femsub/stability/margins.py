@@ -25,6 +25,7 @@ class PointModes(NamedTuple):
 
     λ with Im λ ≥ 0 in the band without rigid motion (k,); 1 for one that grows, 0 if that is undecided, else -1. Margins of all
     eigenvalues (w,), a pair twice, the largest first, and |Im λ| of each. The largest radius over |λ|, NaN if it is not known.
+    `whole`: whether these are all modes.
     """
 
     values: Array
@@ -32,6 +33,7 @@ class PointModes(NamedTuple):
     margins: Array
     heights: Array
     radius: float = np.nan
+    whole: bool = True
 
     @property
     def number(self) -> int:
@@ -184,18 +186,17 @@ class ModesAt:
         p = dict(zip(self.names, point.tolist(), strict=True))
         return self.modes(**p) if self.modes else modes_in(self.at(p), self.band)
 
-    def alone(self, point: Array) -> tuple[PointModes, bool]:
-        """The modes at one point (q,) of a model with radii, and whether they are all that are there."""
-        values, radius, whole = self.eigenvalues(dict(zip(self.names, point.tolist(), strict=True)))
+    def _one(self, points: Array) -> list[PointModes]:
+        """Of one point (1, q); of a model of a box by its radii."""
+        if not self.modes:
+            return [point_modes(self.whole(points[0]), self.band)]
+        values, radius, whole = self.eigenvalues(dict(zip(self.names, points[0].tolist(), strict=True)))
         at = np.flatnonzero(within(values, self.band))
         values, radius = values[at], radius[at]
         votes = np.where(np.abs(values.real) <= radius, 0, np.sign(values.real).astype(int))
         size = np.abs(values)
-        return _spectrum(values, votes, float(np.max(np.divide(radius, size, out=np.zeros_like(size), where=size > 0),
-                                                     initial=0.0))), whole
-
-    def _one(self, points: Array) -> list[PointModes]:
-        return [self.alone(points[0])[0] if self.modes else point_modes(self.whole(points[0]), self.band)]
+        largest = float(np.max(np.divide(radius, size, out=np.zeros_like(size), where=size > 0), initial=0.0))
+        return [_spectrum(values, votes, largest)._replace(whole=whole)]
 
     def _many(self, points: Array) -> list[PointModes | None]:
         """All eigenvalues, without vectors; None where rounding may move one in the band across the axis."""

@@ -8,7 +8,7 @@ names divide the range.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -190,41 +190,47 @@ class Sampled:
         return list(dict.fromkeys(self.p[inside][off[:, farther].argmax(axis=0)].tolist()))[:4]
 
 
-def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
-    """The pencil as a function of the parameter, which changes in all contacts that have it.
-
-    It has no cut-off: the band of the question respects it, and solvers look a little beyond that.
+def pencils_of(model: Substructure | Affine, contacts: Contacts, names: Sequence[str], what: str = "a map"
+               ) -> Callable[[Mapping[str, float]], Pencil]:
+    """The pencil as a function of these parameters, which are all that have no value, and change in all contacts that have them.
 
     Raises
     ------
     InputError, InputTypeError
-        An unknown parameter, an `Affine` with contacts or with other parameters that have no value.
+        An unknown parameter, an `Affine` with contacts or with other parameters that have no value, structural damping, which has
+        no place in `what` is asked.
+    """
+    if isinstance(model, Affine):
+        family_of(model, contacts, names, {})  # its checks
+        return lambda p: model.at(**p)
+    instance("model", model, Substructure, "or an Affine").viscous_only(what)
+    given: Sequence[Any] = contacts_of(contacts)
+    known = [fields_of(one) for one in given]
+    for name in names:
+        if not any(name in fields for fields in known):
+            raise unknown_name("parameter", name, sorted(set().union(*known)))
+        if idle := [type(one).__name__ for one, fields in zip(given, known, strict=True) if name not in fields]:
+            log.info("%s has no %r and stays as it is", ", ".join(idle), name)
+    return lambda p: model.linearised([replace(one, **{name: value for name, value in p.items() if name in fields})
+                                       for one, fields in zip(given, known, strict=True)])
+
+
+def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
+    """The pencil as a function of one parameter; errors are those of `pencils_of`.
+
+    It has no cut-off: the band of the question respects it, and solvers look a little beyond that.
     """
     word("parameter", parameter)
-    if isinstance(model, Affine):
-        if contacts is not None:
-            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
-        if parameter not in model.parameters:
-            raise unknown_name("parameter", parameter, model.parameters)
-        if rest := [name for name in model.parameters if name != parameter]:
-            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-        return PencilOver(parameter, lambda p: model.at(**{parameter: p}).below(np.inf),
-                          (Share("the Affine", lambda p: (model.factors(**{parameter: p}),), model.affine_in(parameter)),),
-                          family=lambda between: model)
-    instance("model", model, Substructure, "or an Affine").viscous_only("an analysis over a parameter")
-    given = contacts_of(contacts)
-    known = [fields_of(contact) for contact in given]
-    if not any(parameter in names for names in known):
-        raise unknown_name("parameter", parameter, sorted(set().union(*known)) if known else [])
-    for contact, names in zip(given, known, strict=True):
-        if parameter not in names:
-            log.info("%s has no %r and stays as it is", type(contact).__name__, parameter)
-
-    model.refuse_empty(model.D, *(columns_of(model, contact) for contact in given))
+    pencil_at = pencils_of(model, contacts, [parameter], "an analysis over a parameter")
 
     def at(p: float) -> Pencil:
-        return model.linearised([replace(contact, **{parameter: p}) if parameter in names else contact  # type: ignore[type-var]
-                                 for contact, names in zip(given, known, strict=True)]).below(np.inf)
+        return pencil_at({parameter: p}).below(np.inf)
+
+    if isinstance(model, Affine):
+        return PencilOver(parameter, at, (Share("the Affine", lambda p: (model.factors(**{parameter: p}),),
+                                                model.affine_in(parameter)),), family=lambda between: model)
+    given = contacts_of(contacts)
+    model.refuse_empty(model.D, *(columns_of(model, contact) for contact in given))
 
     def share(contact: Any) -> Share:
         def terms(p: float) -> Terms:
@@ -233,7 +239,7 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
         return Share(type(contact).__name__, lambda p: coefficients(*terms(p)), parameter in affine_fields(contact),
                      kinks_of(contact, parameter), small_matrices(model, contact)[0].shape[1] <= COLUMNS_ALONE, terms)
 
-    changing = [contact for contact, names in zip(given, known, strict=True) if parameter in names]
+    changing = [contact for contact in given if parameter in fields_of(contact)]
 
     def family(between: tuple[float, float]) -> Affine | None:
         middle = {parameter: (between[0] + between[1]) / 2}

@@ -30,8 +30,8 @@ from femsub.stability.exclusion import is_mirrored
 from femsub.stability.labels import Labels, sources_of
 from femsub.stability.margins import ModesAt
 from femsub.stability.mode_families import grouped
+from femsub.stability.parameter import pencils_of
 from femsub.stability.scatter_chart import scatter_chart, scatter_tables
-from femsub.stability.stability_map import pencils_of
 
 log = logging.getLogger(__name__)
 

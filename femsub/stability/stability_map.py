@@ -15,21 +15,20 @@ from femsub.checks import (
     Array,
     InputError,
     InputTypeError,
-    instance,
     items,
     listener,
     mapping,
     real_array,
-    unknown_name,
     until,
     whole_number,
     word,
 )
-from femsub.model import Affine, Contacts, Pencil, Substructure, contacts_of, fields_of, usable_band
+from femsub.model import Affine, Contacts, Substructure, usable_band
 from femsub.output import Chart, Displayed, Table
 from femsub.stability.map_borders import BorderLine, Node, Nodes, joined, leaves
 from femsub.stability.map_chart import stability_map_chart, stability_map_tables
 from femsub.stability.margins import ModesAt, modes_in, point_modes
+from femsub.stability.parameter import pencils_of
 
 log = logging.getLogger(__name__)
 
@@ -249,24 +248,3 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
         result = replace(result, spots=tuple(found))
     log.info("%r", result)
     return result
-
-
-def pencils_of(model: Substructure | Affine, contacts: Contacts, names: Sequence[str]) -> Callable[[Mapping[str, float]], Pencil]:
-    """The pencil as a function of these parameters, which are all that have no value."""
-    if isinstance(model, Affine):
-        if contacts is not None:
-            raise InputError("an Affine has no ports for contacts. Put them into its matrices, or use a Substructure")
-        for name in names:
-            if name not in model.parameters:
-                raise unknown_name("parameter", name, model.parameters)
-        if rest := [name for name in model.parameters if name not in names]:
-            raise InputError(f"{', '.join(rest)} must have values: give model.fixed({rest[0]}=...) instead of the model")
-        return lambda p: model.at(**p)
-    instance("model", model, Substructure, "or an Affine").viscous_only("a map")
-    given: Sequence[Any] = contacts_of(contacts)
-    known = [fields_of(one) for one in given]
-    for name in names:
-        if not any(name in fields for fields in known):
-            raise unknown_name("parameter", name, sorted(set().union(*known)))
-    return lambda p: model.linearised([replace(one, **{name: value for name, value in p.items() if name in fields})
-                                       for one, fields in zip(given, known, strict=True)])

@@ -71,13 +71,13 @@ class _Enclosures(NamedTuple):
     clear: Array
 
 
-class AxisSweep:
-    """The pencil of a projection, + ε Σ s^k T_k, for ε in a range.
+class Sweep:
+    """The pencil of a projection, + ε Σ weight_q s^k T_q, for ε in a range: P_U(s; ε) = Σ s^k (P_k + ε T_k).
 
     Parameters
     ----------
     projection : Projection
-        At ε = 0 (`Projection.changed`); all its changes must be spanned.
+        At ε = 0 (`Projection.changed`).
     weights : sequence of float
         θ_q = weight_q ε of each change.
     between : (lo, hi)
@@ -85,16 +85,47 @@ class AxisSweep:
     """
 
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
-        small, parts = Coupling.of(projection, projection.outer.size), np.zeros((3, projection.size, projection.size))
-        for (place, own), term, inside in zip(projection.own_weights, projection.terms, projection.inside, strict=True):
-            if place is not None:
-                if not term.spanned:
-                    raise ValueError("what the parameter changes acts outside the basis")
-                parts += weights[place] * np.array(own)[:, None, None] * inside
+        self.projection, self.outer, self.between, self.terms = projection, projection.outer, between, projection.terms
+        self.P, self.slope = projection.matrices, np.array([  # of each term the weights of ε
+            np.array(own) * (0.0 if place is None else weights[place]) for place, own in projection.own_weights])
+        self.T = np.einsum("ik,iab->kab", self.slope, projection.inside)
+
+    def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
+        """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
+        K, D, M = self.P + value * self.T
+        P, slope = K + s * (D + s * M), D + 2 * s * M
+        factor = la.lu_factor(P + EPS * la.norm(P) * np.eye(len(P)))
+        x = z = np.random.default_rng(len(P)).standard_normal(len(P)).astype(complex)
+        for _ in range(steps):
+            x, z = la.lu_solve(factor, slope @ x), la.lu_solve(factor, slope.conj().T @ z, trans=2)
+            x, z = x / la.norm(x), z / la.norm(z)
+        own = z.conj() @ slope @ x
+        change = z.conj() @ (np.tensordot([1.0, s, s * s], self.T, 1) @ x)
+        return x, z, complex(-(z.conj() @ P @ x) / own), complex(-change / own)
+
+    def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
+        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method; NaN if that leaves the region."""
+        for _ in range(steps):
+            if not abs(s) <= self.outer.size:
+                return complex(np.nan)
+            move = self.shapes(s, value)[2]
+            s += move
+            if abs(move) <= EPS**0.75 * abs(s):
+                break
+        return s
+
+
+class AxisSweep(Sweep):
+    """A `Sweep` along one line after the other; all changes of the projection must be spanned."""
+
+    def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
+        super().__init__(projection, weights, between)
+        if any(slope.any() and not term.spanned for slope, term in zip(self.slope, self.terms, strict=True)):
+            raise ValueError("what the parameter changes acts outside the basis")
+        small, parts = Coupling.of(projection, projection.outer.size), self.T
         size, rows = la.svd(np.vstack(list(parts)), full_matrices=False)[1:]
         self.B = rows[size > len(size) * EPS * size[0]].T
-        self.outer = projection.outer
-        self.small, self.between, self.terms, self.c = small, between, projection.terms, projection.least
+        self.small, self.c = small, projection.least
         self.left, self.right = self.B.T @ small.x, small.z.conj().T @ (parts @ self.B)  # (r, k), (3, k, r)
         largest = np.array([term.largest(projection.outer.size) for term in projection.terms])
         H, self.left_out = images(projection, largest)
@@ -105,10 +136,10 @@ class AxisSweep:
         m = projection.size
         self.rounding = 4 * EPS * m**-0.5 * float(np.append(1.0, largest) @ [
             la.norm(one, 2) for one in projection.sizes(projection.V)])
-        self.matrices, self.A = projection.matrices, parts @ self.B
+        self.A = parts @ self.B
         self.rounding += 4 * EPS * float(
-            projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.matrices])
-        self.off = residuals_of(self.matrices, small.shift, small.nu, small.x, small.z)
+            projection.outer.size ** np.arange(3) @ [la.norm(np.abs(part), 2) for part in self.P])
+        self.off = residuals_of(self.P, small.shift, small.nu, small.x, small.z)
 
     def discs(self, s: Array, h: Array, along: complex) -> _Enclosures:
         """The discs for the pieces |t| ≤ h, (l,), of the line s + t along."""
@@ -125,7 +156,7 @@ class AxisSweep:
             columns = (powers * self.right).sum(axis=1)  # zᴴA(s), (l, k, r)
             answer, adjoint = small.x @ (each[..., None] * columns), (self.left * each[:, None]) @ small.z.conj().T
             rest = (powers * self.A).sum(axis=1)
-            for power, part in zip(powers.swapaxes(0, 1), self.matrices, strict=True):
+            for power, part in zip(powers.swapaxes(0, 1), self.P, strict=True):
                 rest -= power * (part @ answer)
             G = -((self.left * each[:, None]) @ columns + adjoint @ rest)
             known = np.isfinite(G).all(axis=(1, 2)) & np.isfinite(whole).all(axis=1)
@@ -177,26 +208,6 @@ class AxisSweep:
             off = off + sum(one[:, :, None] * other[:, None] for one, other in pairs)
             off = np.where((known & (share < 1) & (wrong < 1))[:, None, None] & np.isfinite(off), off, np.inf)
             return _discs(np.where(known[:, None, None], G, 0.0), mu, V, W, change, bend, off, h)
-
-    def shapes(self, s: complex, value: float) -> tuple[Array, Array, complex, complex]:
-        """Right and left vectors in V (m,) of the eigenvalue of -G(s) that is nearest to 1/value; it, and its slope dμ/ds."""
-        each = self.small.nu / (1 - (s - self.small.shift) * self.small.nu)
-        columns, slopes = (np.tensordot(powers, self.right, 1) for powers in ([1.0, s, s * s], [0.0, 1.0, 2 * s]))
-        mu, right = np.linalg.eig(-(self.left * each) @ columns)
-        k = int(np.argmin(np.abs(mu - 1 / value)))
-        left = np.linalg.inv(right)[k]
-        change = (self.left * each**2) @ columns + (self.left * each) @ slopes
-        x, z = self.small.x @ (each * (columns @ right[:, k])), self.small.z @ (each * (left @ self.left)).conj()
-        return x, z, complex(mu[k]), complex(-left @ change @ right[:, k])
-
-    def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
-        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method for μ(s) = 1/ε; NaN if that leaves the region."""
-        for _ in range(steps):
-            if not abs(s) <= self.small.unit:
-                return complex(np.nan)
-            _, _, mu, slope = self.shapes(s, value)
-            s -= (mu - 1 / value) / slope
-        return s
 
     def touches(self, found: _Enclosures, h: Array) -> Array:
         """Which discs may meet a real x with 1/x in the range, (l, r)."""

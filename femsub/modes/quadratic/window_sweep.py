@@ -56,7 +56,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array, NotConvergedError
-from femsub.modes.quadratic.axis_sweep import Line, Met, residuals_of
+from femsub.modes.quadratic.axis_sweep import Line, Met, Sweep, residuals_of
 from femsub.modes.quadratic.energy_basis import Coupling, each_of, eigenpairs
 
 if TYPE_CHECKING:
@@ -90,17 +90,8 @@ class Crossed(NamedTuple):
         return np.array([[self.of, (a + b) / 2, (b - a) / 2, (c + d) / 2, (d - c) / 2]])
 
 
-class WindowSweep:
-    """The pencil of a projection, + ε Σ weight_q s^k T_q, for ε in a range.
-
-    Parameters
-    ----------
-    projection : Projection
-        At ε = 0 (`Projection.changed`).
-    weights : sequence of float
-        θ_q = weight_q ε of each change.
-    between : (lo, hi)
-        The range of ε, lo < 0 < hi.
+class WindowSweep(Sweep):
+    """A `Sweep` along several lines at once, window by window of ε.
 
     Raises
     ------
@@ -109,25 +100,21 @@ class WindowSweep:
     """
 
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
-        self.projection, self.between, self.outer = projection, between, projection.outer
+        super().__init__(projection, weights, between)
         self.weights, m, size = np.array(weights), projection.size, projection.outer.size
         lost = projection.lost  # once, for all that `changed` copies
         self.most = 1.02 * max(map(abs, between))
-        base, widest = (projection.changed(np.abs(self.weights) * e) for e in (0.0, self.most))
+        widest = projection.changed(np.abs(self.weights) * self.most)
         if (c := widest.least) <= 0:
             raise NotConvergedError(f"the parameter may outweigh the stiffness of other shapes by {1 - c:.2g}")
         self.c = 0.9 * c  # a tenth is left to complex ε
-        self.P, self.T, self.slope = base.matrices, np.zeros((3, m, m)), np.zeros((len(base.terms), 3))
-        self.signs = np.array([term.sign for term in base.terms])
+        self.signs = np.array([term.sign for term in self.terms])
         grows = 0.0  # Σ |s^k| g
-        for i, ((place, own), term, inside) in enumerate(zip(projection.own_weights, base.terms, projection.inside, strict=True)):
-            if place is not None:
-                self.slope[i] = self.weights[place] * np.array(own)
-                self.T += self.slope[i][:, None, None] * inside
-                if not term.spanned:  # of a skew T the range is known where it counts for real ε
-                    g = max(map(abs, term.range))
-                    g = g if np.isfinite(g) else projection.norm(term)
-                    grows += g * float(np.abs(self.slope[i]) @ size ** np.arange(3))
+        for slope, term in zip(self.slope, self.terms, strict=True):
+            if slope.any() and not term.spanned:  # of a skew T the range is known where it counts for real ε
+                g = max(map(abs, term.range))
+                g = g if np.isfinite(g) else projection.norm(term)
+                grows += g * float(np.abs(slope) @ size ** np.arange(3))
         self.reach = min(0.02 * max(map(abs, between)), 0.1 * c / grows if grows else np.inf)  # of complex ε
         self.powers = [k for k in range(3) if self.T[k].any()]
         self.sizes = np.array([la.norm(A, 2) for A in self.T])
@@ -248,30 +235,6 @@ class WindowSweep:
             b /= 3
         return found
 
-    def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
-        """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
-        K, D, M = self.P + value * self.T
-        P, slope = K + s * (D + s * M), D + 2 * s * M
-        factor = la.lu_factor(P + EPS * la.norm(P) * np.eye(len(P)))
-        x = z = np.random.default_rng(len(P)).standard_normal(len(P)).astype(complex)
-        for _ in range(steps):
-            x, z = la.lu_solve(factor, slope @ x), la.lu_solve(factor, slope.conj().T @ z, trans=2)
-            x, z = x / la.norm(x), z / la.norm(z)
-        own = z.conj() @ slope @ x
-        change = z.conj() @ (np.tensordot([1.0, s, s * s], self.T, 1) @ x)
-        return x, z, complex(-(z.conj() @ P @ x) / own), complex(-change / own)
-
-    def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
-        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method; NaN if that leaves the region."""
-        for _ in range(steps):
-            if not abs(s) <= self.outer.size:
-                return complex(np.nan)
-            move = self.shapes(s, value)[2]
-            s += move
-            if abs(move) <= EPS**0.75 * abs(s):
-                break
-        return s
-
 
 class Segment(NamedTuple):
     """Bounds for |s' - s| ≤ d, see `Window.segment`."""
@@ -382,10 +345,7 @@ class Window:
 
     def turn(self, h: float) -> Array:
         """X̂ (n, n) for |t| ≤ h, 0 where vectors would turn by too much."""
-        B, gap = np.abs(self.B), self.lam - self.lam[:, None]
-        far = np.abs(gap) > 4 * h * (B + B.T)
-        np.fill_diagonal(far, False)
-        X = np.where(far, self.B / np.where(far, gap, 1.0), 0.0)
+        X = first_turn(self.lam, self.B, h * np.abs(self.B))
         return np.where(h * np.abs(X).sum(axis=1, keepdims=True) <= 0.5, X, 0.0)
 
     def rest(self, given: Segment, h: float) -> Array | None:
@@ -491,6 +451,17 @@ class Window:
         if not _radius(F[np.ix_(others, others)], D[None, others])[0] < BELOW:
             return np.inf
         return float(F[i, i] + F[i, others] @ np.maximum(la.solve(rest, F[others, i]), 0.0)) * (1 + 1e-9)
+
+
+def first_turn(z: Array, B: Array, size: Array) -> Array:
+    """X of the turn of eigenvectors to first order: b_ij / (z_j - z_i) where z are far apart beside `size` (k, k), else 0.
+
+    B may be several matrices (q, k, k) of this size together. No entry of X is above 1/4 beside it.
+    """
+    gap = z - z[:, None]  # z_j - z_i
+    far = np.abs(gap) > 4 * (size + size.T)
+    np.fill_diagonal(far, False)
+    return np.where(far, B / np.where(far, gap, 1.0), 0.0)
 
 
 def _radius(F: Array, D: Array, steps: int = 16) -> Array:
