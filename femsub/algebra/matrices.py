@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -165,6 +166,7 @@ def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matr
         else:
             rest = sp.coo_array(matrix - other)
             row, column, skew = rest.row, rest.col, rest.data
+        del other
     elif np.array_equal(matrix, matrix.T):
         return matrix, True
     else:
@@ -279,6 +281,55 @@ class Difference:
 
     def __matmul__(self, x: Array) -> Array:
         return times(self.K, x) - self.sigma * times(self.M, x) if self.sigma else times(self.K, x)
+
+
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """diag(u) Σ θ_i A_i diag(u) of sparse A_i (n, n): products are found term by term. Formed it may be as large as a basis."""
+
+    terms: Sequence[tuple[float, Matrix]]
+    unit: Array  #: u, (n,), powers of two
+
+    @classmethod
+    def of(cls, A: Matrix | Sum) -> Sum:
+        """A itself, or the sum of a matrix alone."""
+        return A if isinstance(A, cls) else cls([(1.0, A)], np.ones(A.shape[0]))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.unit), len(self.unit)
+
+    @property
+    def nnz(self) -> int:
+        """At most so many entries are not 0."""
+        return sum(A.nnz for theta, A in self.terms if theta)
+
+    def formed(self) -> Matrix:
+        """The matrix itself."""
+        found = weighted(self.terms)
+        return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
+
+    def __matmul__(self, x: Array) -> Array:
+        return self._of(x, self.terms, times)
+
+    def sizes(self, x: Array) -> Array:
+        """diag(u) Σ |θ_i| |A_i| diag(u) x, with |A_i| by slabs of rows: it is as large as A_i."""
+        ends = np.linspace(0, len(x), 9).astype(int)
+        return self._of(x, [(abs(theta), A) for theta, A in self.terms],
+                        lambda A, x: np.concatenate([without_signs(A[a:b]) @ x for a, b in pairwise(ends)]))
+
+    def _of(self, x: Array, terms: Sequence[tuple[float, Matrix]], image: Callable[[Matrix, Array], Array]) -> Array:
+        unit = self.unit.reshape(-1, *(1,) * (x.ndim - 1))
+        x = np.multiply(unit, x, order="C")
+        found = np.zeros_like(x)
+        for theta, A in terms:
+            if theta:
+                more = image(A, x)
+                more *= theta
+                found += more
+                del more
+        found *= unit
+        return found
 
 
 def upper(A: Matrix) -> Matrix:

@@ -158,8 +158,8 @@ class EnergyBasis:
         With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
         """
         m = self.size
-        for at in range(0, new.shape[1], BLOCK):  # few beside V
-            self._append(new[:, at:at + BLOCK], modes, unit)
+        for at in few_at_a_time(m + new.shape[1], m):
+            self._append(new[:, at.start - m:at.stop - m], modes, unit)
         return self.size > m
 
     def _append(self, new: Array, modes: bool, unit: bool) -> None:
@@ -210,7 +210,6 @@ class EnergyBasis:
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
         inside[:, :old] = self._whole
         step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns are beside V
-        V = [self.V[term.rows] for term in self.terms]
         for start in range(old, m, step):
             at = slice(start, min(start + step, m))
             k, sought = at.stop - start, [i for i in range(p) if not self._known[i, at].all()]
@@ -220,7 +219,7 @@ class EnergyBasis:
             within = np.hstack([np.zeros((m, 0)), *(self.inside[j][:, at] for j in sought)])
             images = self.solve(B) if sought else B
             del B
-            images = images - self.V @ within
+            images -= self.V @ within
             squares = np.einsum("ij,ij->j", within, within)
             for turn, j in enumerate(sought):
                 own = slice(turn * k, (turn + 1) * k)
@@ -230,7 +229,7 @@ class EnergyBasis:
                     self._outside = [*self._outside, (j, at, unit, np.divide(image, unit, casting="same_kind", out=np.empty(
                         image.shape, dtype=np.float32)))]
             for i, term in enumerate(self.terms):
-                products = term.sign * (V[i].T @ times(term.acting, images))
+                products = term.sign * (self.V[term.rows].T @ times(term.acting, images))
                 lost[i, :, sought, at] = products.reshape(m, len(sought), k).transpose(1, 0, 2)
         for i, j in np.ndindex(p, p):
             lost[i, old:, j, :old] = lost[j, :old, i, old:].T
@@ -324,7 +323,9 @@ class EnergyBasis:
             loads = np.zeros((len(self.V), C.shape[2]))
             for i, own in enumerate(C):
                 loads[self.terms[i].rows] += self.terms[i].image(self.V @ own)
-            return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
+            found = np.asarray(self.solve(loads))
+            found -= self.V @ (self.V.T @ loads)
+            return found
         assert self.lost.size and self._seen.size == self.size
         sizes = [size * float(np.abs(C[i, at]).max(initial=0.0)) for i, at, size, _ in self._outside]
         unit = max(sizes, default=0.0) or 1.0
@@ -543,6 +544,12 @@ def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> fl
             found = np.fmax(found, np.abs(inverse @ (K + s * D + s**2 * M) - np.eye(len(K))).max(initial=0.0))
             found = found if np.isfinite(inverse).all() else np.inf
     return float(found)
+
+
+def few_at_a_time(columns: int, first: int = 0) -> list[slice]:
+    """Slices of the columns of a basis from the first one on: beside the basis a block of them takes little memory."""
+    step = min(BLOCK, max(BLOCK // 4, columns // 16))
+    return [slice(at, min(at + step, columns)) for at in range(first, columns, step)]
 
 
 def pieces(number: int) -> tuple[Array, Array]:

@@ -27,6 +27,7 @@ from femsub.algebra import (
     Difference,
     Handle,
     SignsBeside,
+    Sum,
     are_definite,
     check_columns,
     check_room,
@@ -38,7 +39,6 @@ from femsub.algebra import (
     signs,
     smooth_shape,
     solved,
-    times,
     translations,
     without_signs,
 )
@@ -55,7 +55,7 @@ from femsub.checks import (
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
-from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights
+from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights, few_at_a_time
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -114,8 +114,10 @@ class Projection(EnergyBasis):
         columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = (),
-                 lowest: tuple[ShiftInvert, NormalModes] | None = None, kept: bool = True) -> None:
+    def __init__(self, pencil: Pencil | Callable[[], Pencil], outer: Contour, most: int = QUADRATIC,
+                 changes: Sequence[Varied] = (), lowest: tuple[ShiftInvert, NormalModes] | None = None, kept: bool = True,
+                 sums: Sequence[Sum] | None = None) -> None:
+        pencil = pencil() if callable(pencil) else pencil
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
@@ -133,15 +135,15 @@ class Projection(EnergyBasis):
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
             self.factor, self.mu, self.unsure = handle.factor, lift - handle.sigma, bool(handle.note)
             solve = self.factor.solve
-            self.A = Difference(stiffness, M, -self.mu)
+            A = Difference(stiffness, M, -self.mu)
 
             def found(modes: int) -> Bounds:
                 first = looked()
                 damped = none if simple is not None else damping
-                return (*_strong(self.A, damped, solve, outer.re, first, modes, most, whole),
-                        _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
+                return (*_strong(A, damped, solve, outer.re, first, modes, most, whole),
+                        _bound(A, gyroscopic if turned is None else none, solve, -1.0))
 
-            with _none_strong(self.A, damping if simple is None else none, outer.re, handle.factor) as looked:
+            with _none_strong(A, damping if simple is None else none, outer.re, handle.factor) as looked:
                 yield found
 
         modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds,
@@ -157,7 +159,14 @@ class Projection(EnergyBasis):
             sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
             rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
             self.free = self.free @ turn[sizes < STILL].T
-        self.momenta = M @ self.free
+        self.momenta, n = M @ self.free, pencil.size
+        if sums is not None:  # what was formed goes
+            M, damping, stiffness = sums
+            del pencil, others
+        parts = Sum.of(stiffness), Sum.of(M)
+        self.unit = parts[0].unit  #: of a family, in which its matrices are scaled
+        self.A = Sum([(weight * theta, A) for weight, part in zip((1.0, self.mu), parts, strict=True) for theta, A in part.terms],
+                     self.unit)
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
@@ -200,7 +209,7 @@ class Projection(EnergyBasis):
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
                 self.held.append(more)
-        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=kept)
+        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
@@ -209,7 +218,7 @@ class Projection(EnergyBasis):
         while joining:
             self.add(joining.pop(0))
         if not self.size:  # nothing is near the region, and any shape shows it
-            self.add(self.factor.solve(np.ones((pencil.size, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
+            self.add(self.factor.solve(np.ones((n, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
     def changed(self, theta: Sequence[float] | Array, half: Sequence[float] | Array = ()) -> Projection:
         """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`; `on` counts for all θ ± `half` then."""
@@ -250,27 +259,20 @@ class Projection(EnergyBasis):
         return _bound(self.A, term.matrix, self.factor.solve, term.sign)
 
     def sizes(self, V: Array) -> Array:
-        """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term.
+        """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term, of a sum Σ|θ_i||T_i|.
 
         Times EPS it is what rounding in the entries may do to VᵀAV or VᵀTV.
         """
-        blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
+        blocks = [V[:, at] for at in few_at_a_time(V.shape[1])]
 
-        def size(*parts: tuple[float, Matrix]) -> Array:
-            several, columns = [(weight, without_signs(part)) for weight, part in parts if weight], []
+        def size(B: Sum) -> Array:
+            columns = []
             for block in blocks:
-                x, image = np.abs(block, order="C"), np.zeros((len(V), block.shape[1]))  # few beside V
-                for weight, B in several:
-                    more = times(B, x)
-                    more *= weight
-                    image += more
-                    del more
-                del x
+                image = B.sizes(np.abs(block))
                 columns.append(np.vstack([np.abs(one).T @ image for one in blocks]))
             return np.hstack(columns)
 
-        A = size((1.0, self.A.K), (abs(self.A.sigma), self.A.M))
-        return np.array([A, *(size((1.0, term.matrix)) for term in self.terms)])
+        return np.array([size(self.A), *(size(Sum.of(term.matrix)) for term in self.terms)])
 
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
@@ -404,8 +406,8 @@ def _few_left(parts: Sequence[tuple[float, Matrix]], own: Array, most: int) -> A
     to the rounding of βK alone. The sum is made by slabs of rows, and ends at the first that shows that there are too many.
     """
     slabs, acting = [], 0
-    for start in range(0, len(own), LARGE):
-        at = slice(start, start + LARGE)
+    for start in range(0, len(own), LARGE // 8):  # few rows: each takes ten times its own memory
+        at = slice(start, start + LARGE // 8)
         rows = [(weight, A[at]) for weight, A in parts if weight]
         found = sp.coo_array(reduce(add, [weight * A for weight, A in rows]))
         size = sp.csr_array(reduce(add, [abs(weight) * without_signs(A) for weight, A in rows]))
@@ -505,7 +507,7 @@ def _allowed(share: float, re: Ends) -> Ends:
     return left, right
 
 
-def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
+def _strong(A: Difference | Sum, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
             modes: int, most: int, whole: bool, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
     """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
 
@@ -572,7 +574,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
     return np.hstack(found), ends
 
 
-def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
+def _bound(A: Difference | Sum, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
     """g with |xᴴTx| ≤ g xᴴAx of a symmetric or skew T, by Cholesky factors of gA ± T, or of the real form of gA + iT.
 
     Infinite where it is larger than `most`.
