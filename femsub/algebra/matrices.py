@@ -77,7 +77,13 @@ def same(A: Matrix, B: Matrix) -> bool:
 
 
 def is_symmetric(matrix: Matrix) -> bool:
-    """Whether A = Aᵀ exactly."""
+    """Whether A = Aᵀ exactly. Of a model's matrix it is kept: the transpose takes as much memory as the matrix."""
+    if sp.issparse(matrix) and matrix.format == "csr" and is_sealed(matrix):
+        return shared((matrix,), "symmetric", lambda: _is_symmetric(matrix))
+    return _is_symmetric(matrix)
+
+
+def _is_symmetric(matrix: Matrix) -> bool:
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
         return bool(np.array_equal(matrix.data, other.data)) if same_pattern(matrix, other) else (matrix != other).nnz == 0
@@ -309,27 +315,40 @@ class Sum:
         found = weighted(self.terms)
         return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
 
+    def plus(self, theta: float, other: Matrix | Sum) -> Matrix:
+        """The matrix itself plus θ times a matrix, or a sum with the same u."""
+        if isinstance(other, Sum):
+            return Sum([*self.terms, *((theta * own, A) for own, A in other.terms)], self.unit).formed()
+        return plus(self.formed(), theta * other)
+
     def __matmul__(self, x: Array) -> Array:
-        return self._of(x, self.terms, times)
+        return self._of(np.multiply(self.unit.reshape(-1, *(1,) * (x.ndim - 1)), x, order="C"), self.terms, times)
 
     def sizes(self, x: Array) -> Array:
-        """diag(u) Σ |θ_i| |A_i| diag(u) x, with |A_i| by slabs of rows: it is as large as A_i."""
-        ends = np.linspace(0, len(x), 9).astype(int)
-        return self._of(x, [(abs(theta), A) for theta, A in self.terms],
-                        lambda A, x: np.concatenate([without_signs(A[a:b]) @ x for a, b in pairwise(ends)]))
+        """diag(u) Σ |θ_i| |A_i| diag(u) |x| of x (n, k), with |A_i| by slabs of rows: it is as large as A_i."""
+        x = np.abs(x, order="C")
+        x *= self.unit[:, None]
+        return self._of(x, [(abs(theta), A) for theta, A in self.terms], _sizes)
 
     def _of(self, x: Array, terms: Sequence[tuple[float, Matrix]], image: Callable[[Matrix, Array], Array]) -> Array:
-        unit = self.unit.reshape(-1, *(1,) * (x.ndim - 1))
-        x = np.multiply(unit, x, order="C")
         found = np.zeros_like(x)
         for theta, A in terms:
             if theta:
                 more = image(A, x)
                 more *= theta
                 found += more
-                del more
-        found *= unit
+                del more  # before the next one
+        found *= self.unit.reshape(-1, *(1,) * (x.ndim - 1))
         return found
+
+
+def _sizes(A: Matrix, x: Array, slabs: int = 8) -> Array:
+    """|A|x of a CSR matrix."""
+    found = np.empty((A.shape[0], x.shape[1]))
+    for a, b in pairwise(np.linspace(0, len(x), slabs + 1).astype(int)):
+        at = slice(A.indptr[a], A.indptr[b])
+        found[a:b] = sp.csr_array((np.abs(A.data[at]), A.indices[at], A.indptr[a:b + 1] - A.indptr[a]), (b - a, len(x))) @ x
+    return found
 
 
 def upper(A: Matrix) -> Matrix:

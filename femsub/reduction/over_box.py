@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads, halves
+from femsub.algebra import by_threads, halves, is_symmetric
 from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
@@ -86,7 +86,7 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         middle, half = (lo + hi) / 2, (hi - lo) / 2
         varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
-        turns = np.array([one and power < 2 and abs(matrix - matrix.T).max() > 0
+        turns = np.array([not is_symmetric(matrix) and power < 2 and one
                           for one, (power, matrix) in zip(varies, terms, strict=True)])
         rubs = turns & [power == 0 for power, _ in terms]
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then

@@ -158,8 +158,8 @@ class EnergyBasis:
         With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
         """
         m = self.size
-        for at in few_at_a_time(m + new.shape[1], m):
-            self._append(new[:, at.start - m:at.stop - m], modes, unit)
+        for at in few_at_a_time(new.shape[1], m + new.shape[1]):
+            self._append(new[:, at], modes, unit)
         return self.size > m
 
     def _append(self, new: Array, modes: bool, unit: bool) -> None:
@@ -306,8 +306,8 @@ class EnergyBasis:
         log.info("%d of %d residuals, up to %.1e, join %d columns", keep.sum(), len(size), max(size[-1], 0.0)**0.5, self.size)
         C = C @ (mix[:, keep] / np.sqrt(size[keep]))
         R = np.empty((len(self.V), C.shape[2]))
-        for at in range(0, C.shape[2], BLOCK):
-            R[:, at:at + BLOCK] = self._outside_of(C[..., at:at + BLOCK])
+        for at in few_at_a_time(C.shape[2], self.size):
+            R[:, at] = self._outside_of(C[..., at])
         return self.add(R)
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
@@ -546,10 +546,10 @@ def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> fl
     return float(found)
 
 
-def few_at_a_time(columns: int, first: int = 0) -> list[slice]:
-    """Slices of the columns of a basis from the first one on: beside the basis a block of them takes little memory."""
-    step = min(BLOCK, max(BLOCK // 4, columns // 16))
-    return [slice(at, min(at + step, columns)) for at in range(first, columns, step)]
+def few_at_a_time(columns: int, size: int) -> list[slice]:
+    """Slices of so many columns: each takes little memory beside a basis of that size."""
+    step = min(BLOCK, max(BLOCK // 4, size // 8))
+    return [slice(at, min(at + step, columns)) for at in range(0, columns, step)]
 
 
 def pieces(number: int) -> tuple[Array, Array]:

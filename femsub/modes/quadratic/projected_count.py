@@ -129,44 +129,43 @@ class Projection(EnergyBasis):
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
         simple, turned = proportional(pencil, damping), few_columns(gyroscopic)
-        whole = self.whole = bool(changes) and pencil.size <= WIDE  # V may become all there is
+        own, carried, n = stiffness is pencil.K, pencil.rigid_motion, pencil.size
+        whole = self.whole = bool(changes) and n <= WIDE  # V may become all there is
+        del pencil
+        mass, damping, whole_stiffness = sums or (M, damping, stiffness)  # a formed damping goes
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
             self.factor, self.mu, self.unsure = handle.factor, lift - handle.sigma, bool(handle.note)
             solve = self.factor.solve
-            A = Difference(stiffness, M, -self.mu)
+            K = Sum.of(whole_stiffness)
+            self.A = Sum([*K.terms, *((self.mu * theta, A) for theta, A in Sum.of(mass).terms)], K.unit)
 
             def found(modes: int) -> Bounds:
                 first = looked()
                 damped = none if simple is not None else damping
-                return (*_strong(A, damped, solve, outer.re, first, modes, most, whole),
-                        _bound(A, gyroscopic if turned is None else none, solve, -1.0))
+                return (*_strong(self.A, damped, solve, outer.re, first, modes, most, whole),
+                        _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
-            with _none_strong(A, damping if simple is None else none, outer.re, handle.factor) as looked:
+            with _none_strong(self.A, Difference(stiffness, M, -self.mu), Sum.of(damping if simple is None else none),
+                              outer.re, handle.factor) as looked:
                 yield found
 
-        modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds,
-                                                     most, lowest)
+        modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, own, carried, bounds, most, lowest)
         # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
         self.free, rest = modes.shapes[:, :modes.rigid].copy(), modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
-        scale = [np.linalg.norm(abs(part) @ abs(self.free)) for part in others]  # 0 where there is no rigid motion
+        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 where there is no rigid motion
         moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
         if moved:
             sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
             rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
             self.free = self.free @ turn[sizes < STILL].T
-        self.momenta, n = M @ self.free, pencil.size
-        if sums is not None:  # what was formed goes
-            M, damping, stiffness = sums
-            del pencil, others
-        parts = Sum.of(stiffness), Sum.of(M)
-        self.unit = parts[0].unit  #: of a family, in which its matrices are scaled
-        self.A = Sum([(weight * theta, A) for weight, part in zip((1.0, self.mu), parts, strict=True) for theta, A in part.terms],
-                     self.unit)
+        self.momenta = M @ self.free
+        M, stiffness = mass, whole_stiffness  # formed ones go
+        self.unit = self.A.unit  #: in which the matrices of a family are scaled
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
@@ -202,7 +201,7 @@ class Projection(EnergyBasis):
                     bound = _bound(self.A, half, self.factor.solve, sign, np.inf if sign < 0 else CHANGED / weight)
                     ends = -bound, bound
                     if not np.isfinite(bound):
-                        known = signs(self.A.formed(), half, (CHANGED / weight, CHANGED / weight))
+                        known = signs(self.A, half, (CHANGED / weight, CHANGED / weight))
                         shapes, ends = _strong(self.A, half, self.factor.solve, (-weight, weight), known,
                                                sum(x.shape[1] for x in joining), most, whole, (CHANGED, *DAMPED))
                         joining.append(shapes)
@@ -263,12 +262,12 @@ class Projection(EnergyBasis):
 
         Times EPS it is what rounding in the entries may do to VᵀAV or VᵀTV.
         """
-        blocks = [V[:, at] for at in few_at_a_time(V.shape[1])]
+        blocks = [V[:, at] for at in few_at_a_time(V.shape[1], self.size)]
 
         def size(B: Sum) -> Array:
             columns = []
             for block in blocks:
-                image = B.sizes(np.abs(block))
+                image = B.sizes(block)
                 columns.append(np.vstack([np.abs(one).T @ image for one in blocks]))
             return np.hstack(columns)
 
@@ -483,7 +482,7 @@ def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert,
 
 
 @contextmanager
-def _none_strong(A: Difference, D: Matrix, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
+def _none_strong(A: Sum, formed: Difference, D: Sum, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
     """`signs` for the first d that are tried, by a process beside what is done inside.
 
     Where there is no room for one, it is found before. The process has one of the cores.
@@ -492,13 +491,13 @@ def _none_strong(A: Difference, D: Matrix, re: Ends, factor: Handle) -> Iterator
         yield lambda: (True, True)
         return
     d = _allowed(DAMPED[0], re)
-    beside = SignsBeside.started(A, D, d, factor, COLUMNS)
+    beside = SignsBeside.started(formed, D.formed, d, factor, COLUMNS)
     if beside is None:
-        known = signs(A.formed(), D, d)
+        known = signs(A, D, d)
         yield lambda: known
         return
     with one_thread(True):
-        yield lambda: beside.answer() or signs(A.formed(), D, d)
+        yield lambda: beside.answer() or signs(A, D, d)
 
 
 def _allowed(share: float, re: Ends) -> Ends:
@@ -507,7 +506,7 @@ def _allowed(share: float, re: Ends) -> Ends:
     return left, right
 
 
-def _strong(A: Difference | Sum, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
+def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
             modes: int, most: int, whole: bool, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
     """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
 
@@ -522,8 +521,8 @@ def _strong(A: Difference | Sum, D: Matrix, solve: Callable[[Array], Array], re:
     if not D.nnz:
         return none, (0.0, 0.0)
     for tried, d in enumerate(_allowed(share, re) for share in shares):
-        definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
-        each = [0 if known else inertia(sp.csr_array(A.formed() + (sign / one) * D))
+        definite = signs(A, D, d) if tried else first  # half of the time of an inertia
+        each = [0 if known else inertia(sp.csr_array(A.plus(sign / one, D)))
                 for one, sign, known in zip(d, (-1, 1), definite, strict=True)]
         number, ends = sum(each), (-d[1], d[0])
         if not number:
@@ -536,6 +535,7 @@ def _strong(A: Difference | Sum, D: Matrix, solve: Callable[[Array], Array], re:
         raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
                                 f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
+    D = Sum.of(D).formed()
     rows = np.flatnonzero(np.diff(D.indptr))
     if len(rows) <= min(10 * number, QUADRATIC):  # Lanczos takes some six solves for each shape, one after the other
         check_columns("the pencil", A.shape[0], 2 * (number + BLOCK))
@@ -574,7 +574,7 @@ def _strong(A: Difference | Sum, D: Matrix, solve: Callable[[Array], Array], re:
     return np.hstack(found), ends
 
 
-def _bound(A: Difference | Sum, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
+def _bound(A: Sum, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
     """g with |xᴴTx| ≤ g xᴴAx of a symmetric or skew T, by Cholesky factors of gA ± T, or of the real form of gA + iT.
 
     Infinite where it is larger than `most`.
@@ -589,12 +589,12 @@ def _bound(A: Difference | Sum, T: Matrix, solve: Callable[[Array], Array], sign
     x = np.random.default_rng(4).standard_normal((A.shape[0], 4))
     for _ in range(6):
         x = orthonormal(solve(T @ x), A.__matmul__)[0]
-    image, matrix = T @ x, A.formed()
+    image = T @ x
     estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
         if g > most:
             return np.inf
-        if all(signs(matrix, T, (g, g)) if sign > 0 else are_definite(
-                [sp.csr_array(sp.block_array([[g * matrix, -T], [T, g * matrix]]))])):
+        if all(signs(A, T, (g, g)) if sign > 0 else are_definite(
+                [sp.csr_array(sp.block_array([[g * A.formed(), -T], [T, g * A.formed()]]))])):
             return g
     raise NotConvergedError("a gyroscopic part, or the change that a parameter makes, is not bounded by the stiffness")
