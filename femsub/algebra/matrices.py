@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -311,8 +311,10 @@ class Sum:
         return sum(A.nnz for theta, A in self.terms if theta)
 
     def formed(self) -> Matrix:
-        """The matrix itself."""
-        found = weighted(self.terms)
+        """The matrix itself, by slabs of rows: a sum of two matrices has room for the entries of both."""
+        acting = [(theta, A) for theta, A in self.terms if theta] or self.terms
+        found = weighted(acting) if len(acting) == 1 else sp.csr_array(sp.vstack(
+            [weighted([(theta, A[a:b]) for theta, A in acting]) for a, b in slabs(len(self.unit))]))
         return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
 
     def plus(self, theta: float, other: Matrix | Sum) -> Matrix:
@@ -342,10 +344,15 @@ class Sum:
         return found
 
 
-def _sizes(A: Matrix, x: Array, slabs: int = 8) -> Array:
+def slabs(n: int, count: int = 8) -> Iterator[tuple[int, int]]:
+    """Ends of so many slabs of n rows: what is done slab by slab takes little memory beside the matrix."""
+    return pairwise(np.linspace(0, n, count + 1).astype(int).tolist())
+
+
+def _sizes(A: Matrix, x: Array) -> Array:
     """|A|x of a CSR matrix."""
     found = np.empty((A.shape[0], x.shape[1]))
-    for a, b in pairwise(np.linspace(0, len(x), slabs + 1).astype(int)):
+    for a, b in slabs(len(x)):
         at = slice(A.indptr[a], A.indptr[b])
         found[a:b] = sp.csr_array((np.abs(A.data[at]), A.indices[at], A.indptr[a:b + 1] - A.indptr[a]), (b - a, len(x))) @ x
     return found
@@ -354,7 +361,12 @@ def _sizes(A: Matrix, x: Array, slabs: int = 8) -> Array:
 def upper(A: Matrix) -> Matrix:
     """The upper triangle of a sparse A, diagonal included, as CSR."""
     A = sp.csr_array(A)
-    return _some(A, A.data, A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr)))
+    keep, ends = np.empty(A.nnz, dtype=bool), np.zeros_like(A.indptr)
+    for a, b in slabs(A.shape[0]):
+        at = slice(A.indptr[a], A.indptr[b])
+        keep[at] = A.indices[at] >= np.repeat(np.arange(a, b, dtype=A.indices.dtype), np.diff(A.indptr[a:b + 1]))
+        ends[a + 1:b + 1] = ends[a] + np.searchsorted(np.flatnonzero(keep[at]), A.indptr[a + 1:b + 1] - A.indptr[a])
+    return sp.csr_array((A.data[keep], A.indices[keep], ends), shape=A.shape)
 
 
 def translations(n: int) -> Array:
