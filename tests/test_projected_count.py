@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from femsub.modes.quadratic.energy_basis import Coupling
 from femsub.modes.quadratic.projected_count import Projection, Varied
 from femsub.modes.quadratic.projected_pairs import left_vectors, right_pairs
 from femsub.modes.quadratic.region import Contour, Count
+from femsub.modes.quadratic.search import projection_over
 
 FEW = (80, 130)  # DOF of models of which LAPACK takes all eigenvalues again and again
 DAMPING = ("parts", "dashpots", "gyroscopic", "any", "parts and gyroscopic", "none")
@@ -273,6 +275,34 @@ def test_a_counted_band_needs_no_search(monkeypatch: pytest.MonkeyPatch) -> None
         inside = np.repeat(values[(values.imag >= 0.2 * hi) & (values.imag <= hi)], each)
         assert np.allclose(found.eigenvalues, inside[np.argsort(inside.imag)], rtol=1e-10)
         assert found.backward_error.max() < 1e-14 and (found.error_bar < 1e-11 * np.abs(found.eigenvalues)).all()
+
+
+def over_a_family(n: int, width: int = 40) -> tuple[Projection, fs.Affine, int, int]:
+    """The projection of springs between each mass and the next ones, over a spring; bytes that it holds and takes beside V."""
+    K = sp.csr_array(sp.diags_array([-np.ones(n - j) for j in range(1, width + 1)], offsets=range(1, width + 1), shape=(n, n)))
+    K = sp.csr_array(K + K.T - sp.diags_array((K + K.T).sum(axis=0) - 1e-6))
+    one = sp.csr_array(([1.0], ([n // 3], [n // 3])), shape=(n, n))
+    family = fs.Affine(sp.eye_array(n), [(1e-3, K)], [(1.0, K), ("k", one)])
+    tracemalloc.start()
+    try:
+        found = projection_over((family, family.factors(k=0.5)), [Varied(one, 0, 0.5)], (-1.0, 1.0, 0.0, 1.0))
+        held = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        found.sizes(found.V)
+        taken = tracemalloc.get_traced_memory()[1] - held
+    finally:
+        tracemalloc.stop()
+    return found, family, held - found.V.base.nbytes, taken
+
+
+def test_a_family_is_not_kept_formed():
+    """Its reference has a K and a D of its own, as large as a basis each."""
+    over_a_family(500)  # what is imported and kept for all
+    projection, family, held, taken = over_a_family(8000)
+    size, reference = 12 * family.K[0][1].nnz, family.at(k=0.5)
+    assert held < 0.3 * size and taken < size
+    for found, part in zip(projection.matrices, (reference.K, reference.D, reference.M), strict=True):
+        np.testing.assert_allclose(found, projection.V.T @ (part @ projection.V), rtol=0, atol=1e-9 * np.abs(found).max())
 
 
 @pytest.mark.slow

@@ -35,6 +35,7 @@ from .frozen import Frozen as Frozen
 from .installed import examine as examine
 from .matrices import (
     Difference as Difference,
+    Sum as Sum,
     as_matrix as as_matrix,
     block_diagonal as block_diagonal,
     diagonal as diagonal,

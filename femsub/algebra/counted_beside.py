@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import scipy.sparse as sp
 
 from femsub.algebra.factor import are_definite, inertia
-from femsub.algebra.matrices import Difference
+from femsub.algebra.matrices import Difference, Sum
 from femsub.algebra.memory import MOST_FILL, room_of_count
 from femsub.algebra.processes.beside import Process
 from femsub.algebra.processes.limits import BASE, FACTOR_BYTES, WORTH
@@ -60,7 +60,8 @@ class SignsBeside(Process):
         self.ask(0.0)
 
     @classmethod
-    def started(cls, A: Difference, D: Matrix, d: tuple[float, float], factor: Handle, columns: float) -> SignsBeside | None:
+    def started(cls, A: Difference, D: Callable[[], Matrix], d: tuple[float, float], factor: Handle,
+                columns: float) -> SignsBeside | None:
         """The process, if it is worth it and there is room for it and a factor like the one given of A; else None.
 
         This process will need so many columns of n numbers meanwhile.
@@ -69,7 +70,7 @@ class SignsBeside(Process):
             return None
         if cls.has_room(room_of_count(A.K, factor.bytes / FACTOR_BYTES, kept=True) + 8.0 * factor.size * columns):
             with suppress(OSError, NotEnoughMemoryError):
-                return cls(A.formed(), D, d)
+                return cls(A.formed(), D(), d)
         return None
 
     def answer(self) -> tuple[bool, bool] | None:
@@ -78,10 +79,10 @@ class SignsBeside(Process):
         return None if found is None else (bool(found[0]), bool(found[1]))
 
 
-def signs(A: Matrix, D: Matrix, d: tuple[float, float]) -> tuple[bool, bool]:
+def signs(A: Matrix | Sum, D: Matrix | Sum, d: tuple[float, float]) -> tuple[bool, bool]:
     """Whether d₀A - D and d₁A + D are positive definite, by Cholesky factors that are not kept; of an infinite d they are."""
     finite = [(one, sign) for one, sign in zip(d, (-1, 1), strict=True) if one < math.inf]
-    known = iter(are_definite(sp.csr_array(A + (sign / one) * D) for one, sign in finite))
+    known = iter(are_definite(sp.csr_array(Sum.of(A).plus(sign / one, D)) for one, sign in finite))
     minus, plus = (one == math.inf or next(known) for one in d)
     return minus, plus
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,13 @@ def same(A: Matrix, B: Matrix) -> bool:
 
 
 def is_symmetric(matrix: Matrix) -> bool:
-    """Whether A = Aᵀ exactly."""
+    """Whether A = Aᵀ exactly. Of a model's matrix it is kept: the transpose takes as much memory as the matrix."""
+    if sp.issparse(matrix) and matrix.format == "csr" and is_sealed(matrix):
+        return shared((matrix,), "symmetric", lambda: _is_symmetric(matrix))
+    return _is_symmetric(matrix)
+
+
+def _is_symmetric(matrix: Matrix) -> bool:
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
         return bool(np.array_equal(matrix.data, other.data)) if same_pattern(matrix, other) else (matrix != other).nnz == 0
@@ -165,6 +172,7 @@ def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matr
         else:
             rest = sp.coo_array(matrix - other)
             row, column, skew = rest.row, rest.col, rest.data
+        del other
     elif np.array_equal(matrix, matrix.T):
         return matrix, True
     else:
@@ -281,10 +289,84 @@ class Difference:
         return times(self.K, x) - self.sigma * times(self.M, x) if self.sigma else times(self.K, x)
 
 
+@dataclass(frozen=True, eq=False)
+class Sum:
+    """diag(u) Σ θ_i A_i diag(u) of sparse A_i (n, n): products are found term by term. Formed it may be as large as a basis."""
+
+    terms: Sequence[tuple[float, Matrix]]
+    unit: Array  #: u, (n,), powers of two
+
+    @classmethod
+    def of(cls, A: Matrix | Sum) -> Sum:
+        """A itself, or the sum of a matrix alone."""
+        return A if isinstance(A, cls) else cls([(1.0, A)], np.ones(A.shape[0]))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return len(self.unit), len(self.unit)
+
+    @property
+    def nnz(self) -> int:
+        """At most so many entries are not 0."""
+        return sum(A.nnz for theta, A in self.terms if theta)
+
+    def formed(self) -> Matrix:
+        """The matrix itself, by slabs of rows: a sum of two matrices has room for the entries of both."""
+        acting = [(theta, A) for theta, A in self.terms if theta] or self.terms
+        found = weighted(acting) if len(acting) == 1 else sp.csr_array(sp.vstack(
+            [weighted([(theta, A[a:b]) for theta, A in acting]) for a, b in slabs(len(self.unit))]))
+        return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
+
+    def plus(self, theta: float, other: Matrix | Sum) -> Matrix:
+        """The matrix itself plus θ times a matrix, or a sum with the same u."""
+        if isinstance(other, Sum):
+            return Sum([*self.terms, *((theta * own, A) for own, A in other.terms)], self.unit).formed()
+        return plus(self.formed(), theta * other)
+
+    def __matmul__(self, x: Array) -> Array:
+        return self._of(np.multiply(self.unit.reshape(-1, *(1,) * (x.ndim - 1)), x, order="C"), self.terms, times)
+
+    def sizes(self, x: Array) -> Array:
+        """diag(u) Σ |θ_i| |A_i| diag(u) |x| of x (n, k), with |A_i| by slabs of rows: it is as large as A_i."""
+        x = np.abs(x, order="C")
+        x *= self.unit[:, None]
+        return self._of(x, [(abs(theta), A) for theta, A in self.terms], _sizes)
+
+    def _of(self, x: Array, terms: Sequence[tuple[float, Matrix]], image: Callable[[Matrix, Array], Array]) -> Array:
+        found = np.zeros_like(x)
+        for theta, A in terms:
+            if theta:
+                more = image(A, x)
+                more *= theta
+                found += more
+                del more  # before the next one
+        found *= self.unit.reshape(-1, *(1,) * (x.ndim - 1))
+        return found
+
+
+def slabs(n: int, count: int = 8) -> Iterator[tuple[int, int]]:
+    """Ends of so many slabs of n rows: what is done slab by slab takes little memory beside the matrix."""
+    return pairwise(np.linspace(0, n, count + 1).astype(int).tolist())
+
+
+def _sizes(A: Matrix, x: Array) -> Array:
+    """|A|x of a CSR matrix."""
+    found = np.empty((A.shape[0], x.shape[1]))
+    for a, b in slabs(len(x)):
+        at = slice(A.indptr[a], A.indptr[b])
+        found[a:b] = sp.csr_array((np.abs(A.data[at]), A.indices[at], A.indptr[a:b + 1] - A.indptr[a]), (b - a, len(x))) @ x
+    return found
+
+
 def upper(A: Matrix) -> Matrix:
     """The upper triangle of a sparse A, diagonal included, as CSR."""
     A = sp.csr_array(A)
-    return _some(A, A.data, A.indices >= np.repeat(np.arange(A.shape[0], dtype=A.indices.dtype), np.diff(A.indptr)))
+    keep, ends = np.empty(A.nnz, dtype=bool), np.zeros_like(A.indptr)
+    for a, b in slabs(A.shape[0]):
+        at = slice(A.indptr[a], A.indptr[b])
+        keep[at] = A.indices[at] >= np.repeat(np.arange(a, b, dtype=A.indices.dtype), np.diff(A.indptr[a:b + 1]))
+        ends[a + 1:b + 1] = ends[a] + np.searchsorted(np.flatnonzero(keep[at]), A.indptr[a + 1:b + 1] - A.indptr[a])
+    return sp.csr_array((A.data[keep], A.indices[keep], ends), shape=A.shape)
 
 
 def translations(n: int) -> Array:

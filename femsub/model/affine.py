@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import Frozen, as_matrix, weighted
+from femsub.algebra import Frozen, Sum, as_matrix, weighted
 from femsub.checks import (
     Array,
     FemsubError,
@@ -144,6 +144,11 @@ class Affine(Frozen):
         factor = iter(factors)
         return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
                         for terms in (self.M, self.D, self.K))).below(self.cutoff)
+
+    def sums(self, factors: Array, unit: Array) -> list[Sum]:
+        """diag(u) M diag(u), D and K with these θ, which are not formed."""
+        factor = iter(factors)
+        return [Sum([(next(factor), A) for _, A in terms], unit) for terms in (self.M, self.D, self.K)]
 
     def fixed(self, **values: float) -> Affine:
         """The same with values given to some of the parameters, and the others left."""

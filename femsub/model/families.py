@@ -76,7 +76,7 @@ class _From:
 
 
 def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequence[str],
-              ranges: Mapping[str, tuple[float, float]], changes: Mapping[str, Any] | None = None) -> Affine:
+              ranges: Mapping[str, tuple[float, float]], changes: Mapping[str, Any] | None = None, apart: bool = False) -> Affine:
     """A model with contacts over parameters p as an `Affine`: M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ.
 
     A parameter of `changes` adds θ(p) UᵀAU to M, D and K, see `Change`. What takes an `Affine` takes all of them then: `reduce`
@@ -96,6 +96,9 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
         Parameters that are no fields of contacts, each by what it changes: a constant of a material (`MaterialChange`), a mass,
         a spring or a dashpot (`AddedMass`, ...), a joint (`JointChange`). The value of the parameter is the constant itself,
         such as E in Pa, or the total that is added. Amounts of the changes do not count. The basis of a reduced model stays.
+    apart : bool
+        Whether D and K of the model stay as they are, beside one more matrix each of what does not depend on the parameters. Of a
+        large model their sums take as much memory again.
 
     Returns
     -------
@@ -151,13 +154,14 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
 
     own = [{name: ends for name, ends in box.items() if name in fields} for fields in known]
     constant = model.linearised([contact for contact, changing in zip(given, own, strict=True) if not changing])
-    sums: tuple[dict[Any, Matrix], ...] = {(): constant.D}, {(): constant.K}
+    first = None if apart and not changed else ()
+    sums: tuple[dict[Any, Matrix], ...] = {first: constant.D}, {first: constant.K}
     for contact, changing in zip(given, own, strict=True):
         if changing:
             for into, found in zip(sums, _terms_of(model, contact, changing), strict=True):
                 for key, A in found.items():
                     into[key] = into[key] + A if key in into else A
-    D, K = ([(theta_of(key), A) for key, A in terms.items() if np.any(A.data if sp.issparse(A) else A)] for terms in sums)
+    D, K = ([(theta_of(key or ()), A) for key, A in terms.items() if np.any(A.data if sp.issparse(A) else A)] for terms in sums)
     family = Affine(constant.M, D, K)
     if changed:
         sums = tuple(dict(getattr(family, name)) for name in "MDK")

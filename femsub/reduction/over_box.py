@@ -20,7 +20,7 @@ import numpy as np
 import scipy.linalg as la
 import scipy.sparse as sp
 
-from femsub.algebra import by_threads, halves
+from femsub.algebra import by_threads, halves, is_symmetric
 from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixError, warn
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
@@ -86,7 +86,7 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         middle, half = (lo + hi) / 2, (hi - lo) / 2
         varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
-        turns = np.array([one and power < 2 and abs(matrix - matrix.T).max() > 0
+        turns = np.array([not is_symmetric(matrix) and power < 2 and one
                           for one, (power, matrix) in zip(varies, terms, strict=True)])
         rubs = turns & [power == 0 for power, _ in terms]
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
@@ -95,19 +95,17 @@ class _Maker:
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
             # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
             halved = turns & np.isin(np.arange(len(terms)), self.varied)
-            reference = _halved(family, halved).weighted(self.middle)
             changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if halved[q] else 0.0)
                        for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
             try:
-                self.projection = projection_over(reference, changes, box.region, GAP)
+                self.projection = projection_over((_halved(family, halved), self.middle), changes, box.region, GAP)
                 break
             except SingularMatrixError as error:
                 log.info("there is no projection: %s", error)
                 singular = error
         else:
             raise singular
-        sparse = reference.sparse()
-        self.unit = np.ones(reference.size) if sparse.alike() is sparse else sparse.units[1]
+        self.unit = self.projection.unit
         self.joining = shapes / self.unit[:, None]
         if self.joining.shape[1]:
             self.joining /= np.sqrt(np.einsum("ij,ij->j", self.joining, self.projection.product(self.joining)))
@@ -276,6 +274,7 @@ class _Maker:
         rounding = float(np.finfo(np.float32).eps) * la.norm(mix, axis=(1, 2))
         if rounding @ scale.ravel() <= allowed / 10:
             mix, lost = mix.astype(np.float32), lost + rounding
+        del blocks, outside, flat
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])

@@ -135,7 +135,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     if isinstance(method, ParameterBox):
         if ports is not False or workers is not None or executor is not None:
             raise InputError("ports, workers and executor are not for a ParameterBox: the box has the contacts themselves")
-        return over_box(family_of(sub, contacts, list(method.ranges), method.ranges), method)
+        return over_box(family_of(sub, contacts, list(method.ranges), method.ranges, apart=True), method)
     if isinstance(method, Mapping):
         return _part_by_part(sub, method, ports, contacts, workers, executor)
     if workers is not None or executor is not None:

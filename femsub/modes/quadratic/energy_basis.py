@@ -158,8 +158,8 @@ class EnergyBasis:
         With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
         """
         m = self.size
-        for at in range(0, new.shape[1], BLOCK):  # few beside V
-            self._append(new[:, at:at + BLOCK], modes, unit)
+        for at in few_at_a_time(new.shape[1], m + new.shape[1]):
+            self._append(new[:, at], modes, unit)
         return self.size > m
 
     def _append(self, new: Array, modes: bool, unit: bool) -> None:
@@ -210,7 +210,6 @@ class EnergyBasis:
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
         inside[:, :old] = self._whole
         step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns are beside V
-        V = [self.V[term.rows] for term in self.terms]
         for start in range(old, m, step):
             at = slice(start, min(start + step, m))
             k, sought = at.stop - start, [i for i in range(p) if not self._known[i, at].all()]
@@ -220,7 +219,7 @@ class EnergyBasis:
             within = np.hstack([np.zeros((m, 0)), *(self.inside[j][:, at] for j in sought)])
             images = self.solve(B) if sought else B
             del B
-            images = images - self.V @ within
+            images -= self.V @ within
             squares = np.einsum("ij,ij->j", within, within)
             for turn, j in enumerate(sought):
                 own = slice(turn * k, (turn + 1) * k)
@@ -230,7 +229,7 @@ class EnergyBasis:
                     self._outside = [*self._outside, (j, at, unit, np.divide(image, unit, casting="same_kind", out=np.empty(
                         image.shape, dtype=np.float32)))]
             for i, term in enumerate(self.terms):
-                products = term.sign * (V[i].T @ times(term.acting, images))
+                products = term.sign * (self.V[term.rows].T @ times(term.acting, images))
                 lost[i, :, sought, at] = products.reshape(m, len(sought), k).transpose(1, 0, 2)
         for i, j in np.ndindex(p, p):
             lost[i, old:, j, :old] = lost[j, :old, i, old:].T
@@ -307,8 +306,8 @@ class EnergyBasis:
         log.info("%d of %d residuals, up to %.1e, join %d columns", keep.sum(), len(size), max(size[-1], 0.0)**0.5, self.size)
         C = C @ (mix[:, keep] / np.sqrt(size[keep]))
         R = np.empty((len(self.V), C.shape[2]))
-        for at in range(0, C.shape[2], BLOCK):
-            R[:, at:at + BLOCK] = self._outside_of(C[..., at:at + BLOCK])
+        for at in few_at_a_time(C.shape[2], self.size):
+            R[:, at] = self._outside_of(C[..., at])
         return self.add(R)
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
@@ -324,7 +323,9 @@ class EnergyBasis:
             loads = np.zeros((len(self.V), C.shape[2]))
             for i, own in enumerate(C):
                 loads[self.terms[i].rows] += self.terms[i].image(self.V @ own)
-            return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
+            found = np.asarray(self.solve(loads))
+            found -= self.V @ (self.V.T @ loads)
+            return found
         assert self.lost.size and self._seen.size == self.size
         sizes = [size * float(np.abs(C[i, at]).max(initial=0.0)) for i, at, size, _ in self._outside]
         unit = max(sizes, default=0.0) or 1.0
@@ -543,6 +544,12 @@ def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> fl
             found = np.fmax(found, np.abs(inverse @ (K + s * D + s**2 * M) - np.eye(len(K))).max(initial=0.0))
             found = found if np.isfinite(inverse).all() else np.inf
     return float(found)
+
+
+def few_at_a_time(columns: int, size: int) -> list[slice]:
+    """Slices of so many columns: each takes little memory beside a basis of that size."""
+    step = min(BLOCK, max(BLOCK // 4, size // 8))
+    return [slice(at, min(at + step, columns)) for at in range(0, columns, step)]
 
 
 def pieces(number: int) -> tuple[Array, Array]:

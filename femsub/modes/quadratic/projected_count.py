@@ -27,6 +27,7 @@ from femsub.algebra import (
     Difference,
     Handle,
     SignsBeside,
+    Sum,
     are_definite,
     check_columns,
     check_room,
@@ -38,7 +39,6 @@ from femsub.algebra import (
     signs,
     smooth_shape,
     solved,
-    times,
     translations,
     without_signs,
 )
@@ -55,7 +55,7 @@ from femsub.checks import (
 from femsub.model import contact_matrix
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
-from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights
+from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights, few_at_a_time
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -114,8 +114,10 @@ class Projection(EnergyBasis):
         columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
     """
 
-    def __init__(self, pencil: Pencil, outer: Contour, most: int = QUADRATIC, changes: Sequence[Varied] = (),
-                 lowest: tuple[ShiftInvert, NormalModes] | None = None, kept: bool = True) -> None:
+    def __init__(self, pencil: Pencil | Callable[[], Pencil], outer: Contour, most: int = QUADRATIC,
+                 changes: Sequence[Varied] = (), lowest: tuple[ShiftInvert, NormalModes] | None = None, kept: bool = True,
+                 sums: Sequence[Sum] | None = None) -> None:
+        pencil = pencil() if callable(pencil) else pencil
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
@@ -127,13 +129,17 @@ class Projection(EnergyBasis):
             pencil.halves if pencil.K0 is pencil.K else halves(pencil.K))
 
         simple, turned = proportional(pencil, damping), few_columns(gyroscopic)
-        whole = self.whole = bool(changes) and pencil.size <= WIDE  # V may become all there is
+        own, carried, n = stiffness is pencil.K, pencil.rigid_motion, pencil.size
+        whole = self.whole = bool(changes) and n <= WIDE  # V may become all there is
+        del pencil
+        mass, damping, whole_stiffness = sums or (M, damping, stiffness)  # a formed damping goes
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
             self.factor, self.mu, self.unsure = handle.factor, lift - handle.sigma, bool(handle.note)
             solve = self.factor.solve
-            self.A = Difference(stiffness, M, -self.mu)
+            K = Sum.of(whole_stiffness)
+            self.A = Sum([*K.terms, *((self.mu * theta, A) for theta, A in Sum.of(mass).terms)], K.unit)
 
             def found(modes: int) -> Bounds:
                 first = looked()
@@ -141,23 +147,25 @@ class Projection(EnergyBasis):
                 return (*_strong(self.A, damped, solve, outer.re, first, modes, most, whole),
                         _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
-            with _none_strong(self.A, damping if simple is None else none, outer.re, handle.factor) as looked:
+            with _none_strong(self.A, Difference(stiffness, M, -self.mu), Sum.of(damping if simple is None else none),
+                              outer.re, handle.factor) as looked:
                 yield found
 
-        modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, stiffness is pencil.K, pencil.rigid_motion, bounds,
-                                                     most, lowest)
+        modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, own, carried, bounds, most, lowest)
         # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
         self.free, rest = modes.shapes[:, :modes.rigid].copy(), modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
-        scale = [np.linalg.norm(abs(part) @ abs(self.free)) for part in others]  # 0 where there is no rigid motion
+        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 where there is no rigid motion
         moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
         if moved:
             sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
             rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
             self.free = self.free @ turn[sizes < STILL].T
         self.momenta = M @ self.free
+        M, stiffness = mass, whole_stiffness  # formed ones go
+        self.unit = self.A.unit  #: in which the matrices of a family are scaled
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
@@ -193,14 +201,14 @@ class Projection(EnergyBasis):
                     bound = _bound(self.A, half, self.factor.solve, sign, np.inf if sign < 0 else CHANGED / weight)
                     ends = -bound, bound
                     if not np.isfinite(bound):
-                        known = signs(self.A.formed(), half, (CHANGED / weight, CHANGED / weight))
+                        known = signs(self.A, half, (CHANGED / weight, CHANGED / weight))
                         shapes, ends = _strong(self.A, half, self.factor.solve, (-weight, weight), known,
                                                sum(x.shape[1] for x in joining), most, whole, (CHANGED, *DAMPED))
                         joining.append(shapes)
                 terms.append(Term(half, (0.0, 0.0, 0.0), sign, ends, spanned=columns is not None))
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
                 self.held.append(more)
-        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, pencil.size, kept=kept)
+        super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
@@ -209,7 +217,7 @@ class Projection(EnergyBasis):
         while joining:
             self.add(joining.pop(0))
         if not self.size:  # nothing is near the region, and any shape shows it
-            self.add(self.factor.solve(np.ones((pencil.size, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
+            self.add(self.factor.solve(np.ones((n, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
     def changed(self, theta: Sequence[float] | Array, half: Sequence[float] | Array = ()) -> Projection:
         """The projection for P(s) + Σ θ_q s^q T_q, with one θ for each of the `changes`; `on` counts for all θ ± `half` then."""
@@ -250,27 +258,20 @@ class Projection(EnergyBasis):
         return _bound(self.A, term.matrix, self.factor.solve, term.sign)
 
     def sizes(self, V: Array) -> Array:
-        """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term.
+        """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term, of a sum Σ|θ_i||T_i|.
 
         Times EPS it is what rounding in the entries may do to VᵀAV or VᵀTV.
         """
-        blocks = [V[:, at:at + BLOCK] for at in range(0, V.shape[1], BLOCK)]
+        blocks = [V[:, at] for at in few_at_a_time(V.shape[1], self.size)]
 
-        def size(*parts: tuple[float, Matrix]) -> Array:
-            several, columns = [(weight, without_signs(part)) for weight, part in parts if weight], []
+        def size(B: Sum) -> Array:
+            columns = []
             for block in blocks:
-                x, image = np.abs(block, order="C"), np.zeros((len(V), block.shape[1]))  # few beside V
-                for weight, B in several:
-                    more = times(B, x)
-                    more *= weight
-                    image += more
-                    del more
-                del x
+                image = B.sizes(block)
                 columns.append(np.vstack([np.abs(one).T @ image for one in blocks]))
             return np.hstack(columns)
 
-        A = size((1.0, self.A.K), (abs(self.A.sigma), self.A.M))
-        return np.array([A, *(size((1.0, term.matrix)) for term in self.terms)])
+        return np.array([size(self.A), *(size(Sum.of(term.matrix)) for term in self.terms)])
 
     def images_outside(self) -> Array:
         """H (p, h, m), see `images`."""
@@ -404,8 +405,8 @@ def _few_left(parts: Sequence[tuple[float, Matrix]], own: Array, most: int) -> A
     to the rounding of βK alone. The sum is made by slabs of rows, and ends at the first that shows that there are too many.
     """
     slabs, acting = [], 0
-    for start in range(0, len(own), LARGE):
-        at = slice(start, start + LARGE)
+    for start in range(0, len(own), LARGE // 8):  # few rows: each takes ten times its own memory
+        at = slice(start, start + LARGE // 8)
         rows = [(weight, A[at]) for weight, A in parts if weight]
         found = sp.coo_array(reduce(add, [weight * A for weight, A in rows]))
         size = sp.csr_array(reduce(add, [abs(weight) * without_signs(A) for weight, A in rows]))
@@ -481,7 +482,7 @@ def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert,
 
 
 @contextmanager
-def _none_strong(A: Difference, D: Matrix, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
+def _none_strong(A: Sum, formed: Difference, D: Sum, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
     """`signs` for the first d that are tried, by a process beside what is done inside.
 
     Where there is no room for one, it is found before. The process has one of the cores.
@@ -490,13 +491,13 @@ def _none_strong(A: Difference, D: Matrix, re: Ends, factor: Handle) -> Iterator
         yield lambda: (True, True)
         return
     d = _allowed(DAMPED[0], re)
-    beside = SignsBeside.started(A, D, d, factor, COLUMNS)
+    beside = SignsBeside.started(formed, D.formed, d, factor, COLUMNS)
     if beside is None:
-        known = signs(A.formed(), D, d)
+        known = signs(A, D, d)
         yield lambda: known
         return
     with one_thread(True):
-        yield lambda: beside.answer() or signs(A.formed(), D, d)
+        yield lambda: beside.answer() or signs(A, D, d)
 
 
 def _allowed(share: float, re: Ends) -> Ends:
@@ -505,7 +506,7 @@ def _allowed(share: float, re: Ends) -> Ends:
     return left, right
 
 
-def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
+def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
             modes: int, most: int, whole: bool, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
     """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
 
@@ -520,8 +521,8 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
     if not D.nnz:
         return none, (0.0, 0.0)
     for tried, d in enumerate(_allowed(share, re) for share in shares):
-        definite = signs(A.formed(), D, d) if tried else first  # half of the time of an inertia
-        each = [0 if known else inertia(sp.csr_array(A.formed() + (sign / one) * D))
+        definite = signs(A, D, d) if tried else first  # half of the time of an inertia
+        each = [0 if known else inertia(sp.csr_array(A.plus(sign / one, D)))
                 for one, sign, known in zip(d, (-1, 1), definite, strict=True)]
         number, ends = sum(each), (-d[1], d[0])
         if not number:
@@ -534,6 +535,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
         raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
                                 f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
+    D = Sum.of(D).formed()
     rows = np.flatnonzero(np.diff(D.indptr))
     if len(rows) <= min(10 * number, QUADRATIC):  # Lanczos takes some six solves for each shape, one after the other
         check_columns("the pencil", A.shape[0], 2 * (number + BLOCK))
@@ -572,7 +574,7 @@ def _strong(A: Difference, D: Matrix, solve: Callable[[Array], Array], re: Ends,
     return np.hstack(found), ends
 
 
-def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
+def _bound(A: Sum, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
     """g with |xᴴTx| ≤ g xᴴAx of a symmetric or skew T, by Cholesky factors of gA ± T, or of the real form of gA + iT.
 
     Infinite where it is larger than `most`.
@@ -587,12 +589,12 @@ def _bound(A: Difference, T: Matrix, solve: Callable[[Array], Array], sign: floa
     x = np.random.default_rng(4).standard_normal((A.shape[0], 4))
     for _ in range(6):
         x = orthonormal(solve(T @ x), A.__matmul__)[0]
-    image, matrix = T @ x, A.formed()
+    image = T @ x
     estimate = float(np.sqrt(la.norm(image.T @ solve(image), 2)))
     for g in (1.2 * estimate, 2 * estimate, 4 * estimate):
         if g > most:
             return np.inf
-        if all(signs(matrix, T, (g, g)) if sign > 0 else are_definite(
-                [sp.csr_array(sp.block_array([[g * matrix, -T], [T, g * matrix]]))])):
+        if all(signs(A, T, (g, g)) if sign > 0 else are_definite(
+                [sp.csr_array(sp.block_array([[g * A.formed(), -T], [T, g * A.formed()]]))])):
             return g
     raise NotConvergedError("a gyroscopic part, or the change that a parameter makes, is not bounded by the stiffness")

@@ -42,7 +42,7 @@ from femsub.modes.quadratic.singular_mass import finite
 from femsub.modes.quadratic.sparse import Shifted
 
 if TYPE_CHECKING:
-    from femsub.model import Pencil
+    from femsub.model import Affine, Pencil
 
 log = logging.getLogger(__name__)
 
@@ -277,24 +277,33 @@ def _widened(projection: Projection) -> bool:
     return False
 
 
-def projection_over(pencil: Pencil, changes: Sequence[Varied], box: Box, room: float = ROOM, kept: bool = False) -> Projection:
+def projection_over(reference: Pencil | tuple[Affine, Array], changes: Sequence[Varied], box: Box, room: float = ROOM,
+                    kept: bool = False) -> Projection:
     """One projection that counts in a rectangle for all values of parameters, which make these changes of a pencil.
 
-    `search` takes it where it is `Projection.changed` for a value, and `pencil` has the units of that value's pencil. `kept` is
-    that of `Projection`.
+    `search` takes it where it is `Projection.changed` for a value, and the reference has the units of that value's pencil. A
+    family with its factors is formed for a while only. `kept` is that of `Projection`.
 
     Raises
     ------
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
         There is none, see `Projection`.
     """
+    pencil = reference[0].weighted(reference[1]) if isinstance(reference, tuple) else reference
     if pencil.freed is not None:
         raise SingularMatrixError("the pencil has Lagrange multipliers. Eliminate the constraints, as primal coupling does")
     sparse = pencil.sparse()
     alike = sparse.alike()
+    unit = sparse.units[1] if alike is not sparse else np.ones(pencil.size)
     changes = [change._replace(matrix=sp.csr_array(change.matrix) if alike is sparse else
                                scaled(sp.csr_array(change.matrix), *sparse.units)) for change in changes]
-    return Projection(alike, _around(box, room), min(pencil.size, QUADRATIC), changes, kept=kept)
+    sums, held = None, [alike]
+    if isinstance(reference, tuple) and pencil.is_sparse and all(pencil.symmetric):
+        sums = reference[0].sums(reference[1], unit)
+    del pencil, sparse, alike  # the projection alone has it
+    found = Projection(held.pop, _around(box, room), min(len(unit), QUADRATIC), changes, kept=kept, sums=sums)
+    found.unit = unit
+    return found
 
 
 def count_over(projection: Projection, box: Box, room: float = ROOM) -> Count | None:
