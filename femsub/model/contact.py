@@ -176,7 +176,8 @@ def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
 
 def without(contacts: Contacts, parameter: str = "mu") -> list[Any]:
     """The contacts with 0 for this field, without friction by default. Those that do not have it stay as they are."""
-    return [replace(one, **{parameter: 0.0}) if parameter in fields_of(one) else one for one in contacts_of(contacts)]
+    given: Sequence[Any] = contacts_of(contacts)
+    return [replace(one, **{parameter: 0.0}) if parameter in fields_of(one) else one for one in given]
 
 
 def affine_fields(contact: Any) -> tuple[str, ...]:
