@@ -535,8 +535,8 @@ def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, 
         raise NotConvergedError(f"the basis needs {modes + number} shapes, {number} of them strongly damped, and the limit is "
                                 f"{most}")
     log.info("the count by projection takes %d shapes, of which %d are strongly damped", modes + number, number)
-    D = Sum.of(D).formed()
-    rows = np.flatnonzero(np.diff(D.indptr))
+    D = Sum.of(D)
+    rows = np.flatnonzero(np.sum([np.diff(T.indptr) for theta, T in D.terms if theta], axis=0))
     if len(rows) <= min(10 * number, QUADRATIC):  # Lanczos takes some six solves for each shape, one after the other
         check_columns("the pencil", A.shape[0], 2 * (number + BLOCK))
         # with G = EᵀA⁻¹E = LLᵀ of the rows' unit loads E, D = ESEᵀ and LᵀSLw = λw, Dx = λAx has x = A⁻¹ESLw / λ. A stiff joint
@@ -547,7 +547,7 @@ def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, 
             load[rows[at], np.arange(load.shape[1])] = 1.0
             flexibility[:, at] = solve(load)[rows]
         size, turn = la.eigh(flexibility)
-        S, L = D[rows][:, rows], turn * np.sqrt(np.maximum(size, 0.0))
+        S, L = D.formed()[rows][:, rows], turn * np.sqrt(np.maximum(size, 0.0))
         values, w = la.eigh(L.T @ (S @ L))
         keep = (values >= d[0]) | (values <= -d[1])
         if keep.sum() < number:
@@ -558,14 +558,13 @@ def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, 
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
     check_columns("the pencil", A.shape[0], 2 * number + 1)
-    start = np.random.default_rng(3).standard_normal(A.shape[0])
+    start, by = np.random.default_rng(3).standard_normal(A.shape[0]), partial(LinearOperator, A.shape, dtype=float)
     found = []
     for wanted, least, which in zip(each, d, ("LA", "SA"), strict=True):
         if not wanted:
             continue
         try:
-            values, shapes = eigsh(D, wanted, M=A.formed(), Minv=LinearOperator(A.shape, matvec=solve, dtype=float), which=which,
-                                   tol=1e-12, v0=start)
+            values, shapes = eigsh(by(D.__matmul__), wanted, M=by(A.__matmul__), Minv=by(solve), which=which, tol=1e-12, v0=start)
         except ArpackNoConvergence as error:
             raise NotConvergedError(f"of {number} strongly damped shapes {len(error.eigenvalues)} were found") from None
         if np.abs(values).min() < least * (1 - 1e-9):
