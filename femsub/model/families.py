@@ -124,6 +124,7 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
     Affine: 3 DOF, sparse, parameters tuned, slope
     """
     names = [word("each of parameters", name) for name in items("parameters", parameters, "names")]
+    instance("apart", apart, bool)
     if isinstance(model, Affine):
         if contacts is not None or changes:
             raise InputError("an Affine has no ports for contacts and no nodes for changes. Put them into its matrices, or use "

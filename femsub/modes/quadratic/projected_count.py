@@ -105,7 +105,8 @@ class Projection(EnergyBasis):
     both. For a < 0 positive damping takes from c, and for a > 0 negative damping: each has its own d. With `changes` θ_q s^q T_q
     that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a T_q with few columns A⁻¹T_q joins
     V, so that it does not act outside. Others are bounded there as D is. `kept` is that of `EnergyBasis`: it pays where residuals
-    of many pairs are looked at, as in corrections.
+    of many pairs are looked at, as in corrections. A pencil given by a function, with its M, D and K as `sums`, is formed until
+    the modes are known, and not kept beside V.
 
     Raises
     ------
