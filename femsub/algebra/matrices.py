@@ -313,8 +313,8 @@ class Sum:
     def formed(self) -> Matrix:
         """The matrix itself, by slabs of rows: a sum of two matrices has room for the entries of both."""
         acting = [(theta, A) for theta, A in self.terms if theta] or self.terms
-        found = weighted(acting) if len(acting) == 1 else sp.csr_array(sp.vstack(
-            [weighted([(theta, A[a:b]) for theta, A in acting]) for a, b in slabs(len(self.unit))]))
+        found = weighted(acting) if len(acting) == 1 else frozen(sp.csr_array(sp.vstack(
+            [weighted([(theta, A[a:b]) for theta, A in acting]) for a, b in slabs(len(self.unit))])))
         return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
 
     def plus(self, theta: float, other: Matrix | Sum) -> Matrix:

@@ -139,8 +139,11 @@ class Affine(Frozen):
         self._check_all("value", values)
         return self.weighted(self.factors(**values))
 
-    def weighted(self, factors: Array) -> Pencil:
-        """The pencil with these θ (q,), in the order of `factors`."""
+    def weighted(self, factors: Array, by_slabs: bool = False) -> Pencil:
+        """The pencil with these θ (q,), in the order of `factors`; `by_slabs` takes little memory beside sparse matrices."""
+        if by_slabs and all(sp.issparse(A) for terms in (self.M, self.D, self.K) for _, A in terms):
+            sums = self.sums(factors, np.ones(self.M[0][1].shape[0]))
+            return Pencil(*(one.formed() if one.terms else None for one in sums)).below(self.cutoff)
         factor = iter(factors)
         return Pencil(*(weighted([(next(factor), A) for _, A in terms]) if terms else None
                         for terms in (self.M, self.D, self.K))).below(self.cutoff)

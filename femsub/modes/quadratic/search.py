@@ -289,7 +289,7 @@ def projection_over(reference: Pencil | tuple[Affine, Array], changes: Sequence[
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
         There is none, see `Projection`.
     """
-    pencil = reference[0].weighted(reference[1]) if isinstance(reference, tuple) else reference
+    pencil = reference[0].weighted(reference[1], by_slabs=True) if isinstance(reference, tuple) else reference
     if pencil.freed is not None:
         raise SingularMatrixError("the pencil has Lagrange multipliers. Eliminate the constraints, as primal coupling does")
     sparse = pencil.sparse()
