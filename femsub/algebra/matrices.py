@@ -313,8 +313,18 @@ class Sum:
     def formed(self) -> Matrix:
         """The matrix itself, by slabs of rows: a sum of two matrices has room for the entries of both."""
         acting = [(theta, A) for theta, A in self.terms if theta] or self.terms
-        found = weighted(acting) if len(acting) == 1 else frozen(sp.csr_array(sp.vstack(
-            [weighted([(theta, A[a:b]) for theta, A in acting]) for a, b in slabs(len(self.unit))])))
+        if len(acting) == 1:
+            found = weighted(acting)
+        else:
+            room, kind = sum(A.nnz for _, A in acting), np.result_type(*(A.indices for _, A in acting))
+            data, indices, ends = np.empty(room), np.empty(room, kind), np.zeros(len(self.unit) + 1, kind)
+            for a, b in slabs(len(self.unit)):
+                rows = weighted([(theta, A[a:b]) for theta, A in acting])
+                ends[a + 1:b + 1] = ends[a] + rows.indptr[1:]
+                data[ends[a]:ends[b]], indices[ends[a]:ends[b]] = rows.data, rows.indices
+            for one in (data, indices):
+                one.resize(ends[-1], refcheck=False)
+            found = frozen(sp.csr_array((data, indices, ends), shape=self.shape))
         return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
 
     def plus(self, theta: float, other: Matrix | Sum) -> Matrix:
