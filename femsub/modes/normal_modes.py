@@ -322,7 +322,9 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         if (np.diff(values) < 0).any():  # a copy of many shapes takes a while
             order = np.argsort(values, kind="stable")
             values, shapes = values[order], shapes[:, order]
-        limit, below = _limit(values, min(count, len(values)), handle.beside)
+        made = [handle.beside.value] if handle.beside is not None and handle.beside.value is not None else []
+        made += [reach for reach, *_ in _counted(handle.K, handle.M)]
+        limit, below = _limit(values, min(count, len(values)), made)
         uncounted = (float(np.sqrt(limit)), below + rigid), Tally(below + rigid)
         if heavy and defer:
             return _result(handle, values[:count], shapes[:, :count], *uncounted)
@@ -686,18 +688,18 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
             np.divide(weight, values, out=np.zeros_like(weight), where=values > 0))
 
 
-def _limit(values: Array, count: int, beside: CountBeside | None = None) -> tuple[float, int]:
+def _limit(values: Array, count: int, made: Sequence[float] = ()) -> tuple[float, int]:
     """The limit for the inertia count, and the number of the values (ascending) below it.
 
     The limit lies in the widest gap above the `count` wanted ones. Neighbours within DOUBLE are a cluster, inside which no
     inertia is counted. If there is no gap, because they end inside a cluster, it lies just below the cluster. Then no lower mode
-    is missing, and any member of the cluster may be listed. Where a limit is counted beside already, and lies in such a gap, it
-    is taken.
+    is missing, and any member of the cluster may be listed. Where the limit of a count that is `made` already, or beside, lies
+    in such a gap, it is taken: modes found again differ by rounding, and so would the limit.
     """
-    if beside is not None and beside.value is not None:
-        within = int(np.count_nonzero(values < beside.value))
-        if count <= within < len(values) and (np.abs(values - beside.value) > DOUBLE / 4 * values).all():
-            return beside.value, within
+    for limit in made:
+        within = int(np.count_nonzero(values < limit))
+        if count <= within < len(values) and (np.abs(values - limit) > DOUBLE / 4 * values).all():
+            return limit, within
     if len(values) > count:
         tail = values[count - 1:] if count else np.append(0.0, values)
         gaps = np.diff(tail) / tail[1:]
