@@ -128,20 +128,21 @@ def is_identity(matrix: Matrix) -> bool:
 
 def halves(A: Matrix) -> tuple[Matrix, Matrix]:
     """(A + Aᵀ)/2 and (A - Aᵀ)/2. Sparse ones, of a CSR in canonical form, store no zeros."""
-    return half(A, 1.0), half(A, -1.0)
+    even, odd = _halves(A, (1.0, -1.0))
+    return even, odd
 
 
-def half(A: Matrix, sign: float) -> Matrix:
-    """(A + sign Aᵀ)/2, as `halves`; one alone takes half of the memory."""
-    turned = A.T
-    if sp.issparse(A):
-        turned = turned.tocsr()
-        if same_pattern(A, turned):
-            data = A.data + sign * turned.data
+def _halves(A: Matrix, signs: Sequence[float]) -> Iterator[Matrix]:
+    """(A + sign Aᵀ)/2 for each sign, by one transpose."""
+    turned = A.T.tocsr() if sp.issparse(A) else A.T
+    alike = sp.issparse(A) and same_pattern(A, turned)
+    for sign in signs:
+        if alike:
+            data = A.data + turned.data if sign > 0 else A.data - turned.data
             data *= 0.5
-            del turned
-            return _some(A, data, data != 0)
-    return (A + sign * turned) * 0.5
+            yield _some(A, data, data != 0)
+        else:
+            yield (A + turned if sign > 0 else A - turned) * 0.5
 
 
 def _some(A: Matrix, data: Array, keep: Array) -> Matrix:
@@ -190,7 +191,7 @@ def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matr
     scale = np.sqrt(np.abs(matrix.diagonal() + (0.0 if beside is None else diagonal(beside))))
     if (np.abs(skew) > ROUNDING * scale[row] * scale[column]).any():
         return matrix, False
-    return frozen(half(matrix, 1.0)), True
+    return frozen(next(_halves(matrix, (1.0,)))), True  # both take twice the memory
 
 
 def without_signs(A: Matrix) -> Matrix:
@@ -323,14 +324,16 @@ class Sum:
         if len(acting) == 1:
             found = weighted(acting)
         else:
-            room, kind = sum(A.nnz for _, A in acting), np.result_type(*(A.indices for _, A in acting))
-            data, indices, ends = np.empty(room), np.empty(room, kind), np.zeros(len(self.unit) + 1, kind)
-            for a, b in slabs(len(self.unit)):
+            n, kind = len(self.unit), np.result_type(*(A.indices for _, A in acting))
+            room = max(A.nnz for _, A in acting)  # terms often share their pattern
+            data, indices, ends = np.empty(room), np.empty(room, kind), np.zeros(n + 1, kind)
+            for a, b in slabs(n):
                 rows = weighted([(theta, A[a:b]) for theta, A in acting])
                 ends[a + 1:b + 1] = ends[a] + rows.indptr[1:]
+                room = len(data) if ends[b] <= len(data) and b < n else int(ends[b]) * n // max(b, 1)  # of the last slab exact
+                for one in (data, indices):
+                    one.resize(room, refcheck=False)
                 data[ends[a]:ends[b]], indices[ends[a]:ends[b]] = rows.data, rows.indices
-            for one in (data, indices):
-                one.resize(ends[-1], refcheck=False)
             found = frozen(sp.csr_array((data, indices, ends), shape=self.shape))
         return found if (self.unit == 1).all() else scaled(found, self.unit, self.unit)
 

@@ -19,6 +19,7 @@ import scipy.linalg as la
 from scipy.sparse.csgraph import connected_components
 
 from femsub.checks import EPS, Array
+from femsub.modes import assigned
 from femsub.stability.exclusion import Decomposition, Family
 
 if TYPE_CHECKING:
@@ -105,10 +106,8 @@ class _Match(NamedTuple):
 
 def _matched(left: Decomposition, right: Decomposition) -> _Match:
     """Two neighbouring spectra by distance."""
-    from scipy.optimize import linear_sum_assignment
-
     cost = np.abs(left.z[:, None] - right.z)
-    to = linear_sum_assignment(cost)[1]
+    to = assigned(cost)[1]
     bars = [np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z)) for found in (left, right)]
     moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(bars[0], bars[1][to]))
     after = right.z[to]

@@ -28,8 +28,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EPS, Array
-from femsub.modes import first_turn
-from femsub.stability.exclusion import isolated
+from femsub.stability.exclusion import first_turn, isolated
 
 
 class Linear(Protocol):

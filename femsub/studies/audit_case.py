@@ -252,7 +252,7 @@ class Case(GivenModel):
             shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
             # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
             if not self.kinds and strange and (self.V is not None or strange > len(apart) / 2 or strange <= shapes
-                                               or self.herting(own)):
+                                               or self.is_herting(own)):
                 return unknown("the coordinates beside the interface are not stated to be modes, and "
                                f"{strange} of {len(apart)} are none of the full model", state)
             # the lowest frequency of the full model that the reduced one has not got, as often as it stands there
@@ -274,7 +274,7 @@ class Case(GivenModel):
         except FemsubError as error:
             return unknown(f"they could not be counted: {error}")
 
-    def herting(self, own: Array) -> bool:
+    def is_herting(self, own: Array) -> bool:
         """Whether these frequencies of the interior are those of Herting's model of the same size."""
         rigid = self.free.rigid.shape[1]
         for modes in {len(own), len(own) - rigid}:  # with its inertia relief, of which a part may depend on the modes

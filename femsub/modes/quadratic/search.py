@@ -300,7 +300,7 @@ def projection_over(reference: Pencil | tuple[Affine, Array], changes: Sequence[
     sums, held = None, [alike]
     if isinstance(reference, tuple) and pencil.is_sparse and all(pencil.symmetric):
         sums = reference[0].sums(reference[1], unit)
-    del pencil, sparse, alike  # the projection alone has it
+    del pencil, sparse, alike  # Python holds the arguments of a call until it returns: the projection takes the pencil itself
     found = Projection(held.pop, _around(box, room), min(len(unit), QUADRATIC), changes, kept=kept, sums=sums)
     found.unit = unit
     return found
