@@ -254,16 +254,19 @@ class _Maker:
             W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
             W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
-        inside = projection.inside
-        d = W.shape[1]
-        outside = projection.images_outside() @ W  # (p, h, d)
-        blocks = np.concatenate([np.vstack([projection.energy @ W, np.zeros((outside.shape[1], d))])[None],
-                                 np.concatenate([inside @ W, outside], axis=1)])
+        H, _ = projection.images_outside()
+        d, m = W.shape[1], projection.size
+        blocks = np.zeros((m + H.shape[1], 1 + len(H), d))  # of A and of each term, inside V and outside
+        blocks[:m, 0] = projection.energy @ W
+        blocks[:m, 1:] = (projection.inside @ W).transpose(1, 0, 2)
+        blocks[m:, 1:] = (H @ W).transpose(1, 0, 2)
+        del H
         # only lengths count: a rotation, without directions that are too small beside the residuals that the tolerance allows
         largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
-        flat = (blocks * scale).transpose(1, 0, 2).reshape(blocks.shape[1], -1)
-        R = np.asarray(np.linalg.qr(flat, mode="r"))
+        blocks *= scale[:, 0]
+        R = np.asarray(np.linalg.qr(blocks.reshape(len(blocks), -1), mode="r"))
+        del blocks
         mix = la.eigh(R @ R.T)[1].T @ R  # rows of their own length: roots of the eigenvalues have half of the digits
         length = la.norm(mix, axis=1)
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
@@ -274,7 +277,6 @@ class _Maker:
         rounding = float(np.finfo(np.float32).eps) * la.norm(mix, axis=(1, 2))
         if rounding @ scale.ravel() <= allowed / 10:
             mix, lost = mix.astype(np.float32), lost + rounding
-        del blocks, outside, flat
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])

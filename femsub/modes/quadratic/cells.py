@@ -94,12 +94,13 @@ def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
     gram *= scale
     whole = float(np.trace(gram))
     factor, order, rank, _ = la.lapack.dpstrf(gram, tol=EPS**0.6 / max(p * m, 1), overwrite_a=True)
-    H = np.zeros((rank, p * m))
-    H[:, order - 1] = np.triu(factor[:rank])
+    factor[:rank, :rank] = np.triu(factor[:rank, :rank])
+    H = np.zeros((p * m, rank))
+    H[order - 1] = factor[:rank].T
     del gram, factor
     left = max(whole - float(np.einsum("ij,ij->", H, H)), 0.0) + float(scale**2 @ basis.noise.ravel())
-    np.divide(H, scale, out=H, where=scale > 0)  # other columns are 0
-    return np.ascontiguousarray(H.reshape(rank, p, m).transpose(1, 0, 2)), float(np.sqrt(p * left))
+    np.divide(H, scale[:, None], out=H, where=scale[:, None] > 0)  # other rows are 0
+    return H.reshape(p, m, rank).transpose(0, 2, 1), float(np.sqrt(p * left))
 
 
 class CellBound:

@@ -212,7 +212,7 @@ class Projection(EnergyBasis):
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
         self.counted: Coupling | None = None  # the last one, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
-        self._parts: tuple[int, list[WholeTerm], tuple[Array, float]] = (-1, [], (np.zeros(0), 0.0))  # of so many columns of V
+        self._parts: tuple[list[WholeTerm], tuple[Array, float]] | None = None
         del modes, strong, rest  # each goes when it has joined V
         self.add(joining.pop(0), modes=True)
         while joining:
@@ -274,18 +274,20 @@ class Projection(EnergyBasis):
 
         return np.array([size(self.A), *(size(Sum.of(term.matrix)) for term in self.terms)])
 
-    def images_outside(self) -> Array:
-        """H (p, h, m), see `images`."""
-        return self._varied()[1][0]
+    def images_outside(self) -> tuple[Array, float]:
+        """H (p, h, m) of all terms at their largest weights, and what it lacks, see `images`."""
+        if self._parts is not None:
+            return self._parts[1]
+        largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
+        return images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
 
     def _varied(self) -> tuple[list[WholeTerm], tuple[Array, float]]:
-        """Each change as a whole, and the `images` of all terms, at their largest weights."""
-        if self._parts[0] != self.size:
+        """Each change as a whole, and `images_outside`."""
+        if self._parts is None:
             halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
             whole = [WholeTerm.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
-            largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
-            self._parts = self.size, whole, images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
-        return self._parts[1:]
+            self._parts = whole, self.images_outside()
+        return self._parts
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions without the free rigid motion."""
@@ -293,6 +295,7 @@ class Projection(EnergyBasis):
         held = (1 + self.kept * p / 2) * (m + new.shape[1])
         check_columns("the pencil", len(new), int(held) + new.shape[1] + 4 * BLOCK)
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
+        self._parts = None
         return super().add(new - self.free @ (self.momenta.T @ new) if self.free.size else new, modes=modes, unit=unit)
 
     def on(self, choose: Callable[[Array, Array], Contour], rounds: int = 8) -> Count | None:
