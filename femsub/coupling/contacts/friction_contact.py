@@ -295,7 +295,7 @@ class FrictionContact(Joint):
         points = contact_points(surfaces[0], surfaces[1], self.tol)
         if points.second is not None:
             warn_of_uncovered(points.first.surface, points.second.surface, points.share, self.tol, self.first, self.second)
-        return points
+        return points.without_shapes()
 
     def _mesh(self, name: str) -> tuple[Mesh, str, str]:
         owner, _, key = name.rpartition(".")
@@ -490,6 +490,10 @@ class Points:
     share: float = 1.0
     #: the matrices of the last contact of each model that is in use, by its DOF, since a sweep makes a contact for each value
     terms: WeakKeyDictionary[DofMap, tuple[Any, list[Matrix], list[list[Matrix]]]] = field(default_factory=WeakKeyDictionary)
+
+    def without_shapes(self) -> Points:
+        """The same points; shape functions that they evaluate go with them. They take as much memory as all of `terms`."""
+        return replace(self, first=replace(self.first), second=None if self.second is None else replace(self.second))
 
     @cached_property
     def normal(self) -> Array:
