@@ -1,6 +1,6 @@
-"""An inertia count, or a test of definiteness, by a process on the second core, while this process goes on.
+"""An inertia count, or a test of definiteness, by a second process, while this process goes on.
 
-It needs a factorisation that nothing else uses. So it can be made while the modes that it proves something of are still sought.
+Both need a factorisation that nothing else uses. So it can be made while the search for the modes still runs.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class CountBeside(Process):
 
     @classmethod
     def started(cls, K: Matrix, M: Matrix, nonzeros: float, columns: float) -> CountBeside | None:
-        """The process, if a core and the memory are free for it and a factor of so many nonzeros is worth it; else None.
+        """Starts the process if a core and the memory are free, and a factor with `nonzeros` is worth it; else None.
 
-        This process will need so many columns of n numbers meanwhile.
+        The calling process will need `columns` of n numbers meanwhile.
         """
         if nonzeros >= WORTH and cls.has_room(room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns):
             with suppress(OSError, NotEnoughMemoryError):
@@ -42,8 +42,8 @@ class CountBeside(Process):
 
     @classmethod
     def early(cls, K: Matrix, M: Matrix, columns: float) -> CountBeside | None:
-        """As `started`, before this process has its factor: it may be any that K is likely to have."""
-        # most matrices of 20 nonzeros per row, as of solids and plates, have four or more nonzeros of the factor for each
+        """As `started`, before this process has its factor: memory must suffice for the largest factor that is likely for K."""
+        # for most matrices with 20 nonzeros per row, as of solids and plates, the factor has four or more times as many
         if not sp.issparse(K) or K.nnz < max(WORTH / 4, 20 * K.shape[0]):
             return None
         if cls.has_room(MOST_FILL * FACTOR_BYTES * K.nnz + BASE + 8.0 * K.shape[0] * columns):
@@ -53,7 +53,7 @@ class CountBeside(Process):
 
 
 class SignsBeside(Process):
-    """What `signs` returns, by a process that begins at once; `answer` is both, or None."""
+    """The two results of `signs`, by a process that begins at once; `answer` returns them, or None."""
 
     def __init__(self, A: Matrix, D: Matrix, d: tuple[float, float]) -> None:
         super().__init__(both_signs, (A, D, d))
@@ -62,9 +62,9 @@ class SignsBeside(Process):
     @classmethod
     def started(cls, A: Difference, D: Callable[[], Matrix], d: tuple[float, float], factor: Handle,
                 columns: float) -> SignsBeside | None:
-        """The process, if it is worth it and there is room for it and a factor like the one given of A; else None.
+        """Starts the process if it is worth it, and memory has room for it and a second factor of the size of A's; else None.
 
-        This process will need so many columns of n numbers meanwhile.
+        The calling process will need `columns` of n numbers meanwhile.
         """
         if not sp.issparse(A.K) or factor.bytes < FACTOR_BYTES * WORTH or factor.on_disk:
             return None
@@ -74,13 +74,13 @@ class SignsBeside(Process):
         return None
 
     def answer(self) -> tuple[bool, bool] | None:
-        """Both, once; None if the process could not find it. This waits for the process, which ends."""
+        """Both results, at the first call; None if the process found none. It waits for the end of the process."""
         found = super().answer()
         return None if found is None else (bool(found[0]), bool(found[1]))
 
 
 def signs(A: Matrix | Sum, D: Matrix | Sum, d: tuple[float, float]) -> tuple[bool, bool]:
-    """Whether d₀A - D and d₁A + D are positive definite, by Cholesky factors that are not kept; of an infinite d they are."""
+    """Whether d₀A - D and d₁A + D are positive definite, by Cholesky factors that are not kept; True for an infinite d."""
     finite = [(one, sign) for one, sign in zip(d, (-1, 1), strict=True) if one < math.inf]
     known = iter(are_definite(sp.csr_array(Sum.of(A).plus(sign / one, D)) for one, sign in finite))
     minus, plus = (one == math.inf or next(known) for one in d)
@@ -88,11 +88,11 @@ def signs(A: Matrix | Sum, D: Matrix | Sum, d: tuple[float, float]) -> tuple[boo
 
 
 def count(K: Matrix, M: Matrix, sigma: Callable[[], float]) -> int:
-    """What the process of `CountBeside` finds: it has the order of elimination before σ is known."""
+    """The result of the process of `CountBeside`. It finds the order of elimination before σ is known."""
     return inertia(Difference(K, M), sigma)
 
 
 def both_signs(A: Matrix, D: Matrix, d: tuple[float, float], begin: Callable[[], float]) -> tuple[bool, bool]:
-    """What the process of `SignsBeside` finds."""
+    """The result of the process of `SignsBeside`."""
     begin()
     return signs(A, D, d)

@@ -17,19 +17,20 @@ from femsub.checks import EPS, Array, ConditionWarning, Matrix, warn
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """A x = 0, shape (m, n), on coordinates of which some are physical DOF.
+    """Linear equations A x = 0, A (m, n). Some of the coordinates x are physical DOF, the others amplitudes of shapes.
 
     Attributes
     ----------
     A : sparse, shape (m, n)
     unit : ndarray, shape (n,)
-        How far each coordinate moves at unit energy: entries are compared in these units.
+        The displacement of each coordinate at unit energy. Entries are compared in these units.
     physical : ndarray of bool, shape (n,)
-        Which coordinates are displacements of a DOF, and no amplitudes of shapes.
+        Whether each coordinate is the displacement of a DOF, not the amplitude of a shape.
     owner : ndarray of int, shape (m,)
-        Which joint each equation belongs to, for messages.
+        The number of the joint that each equation belongs to, for messages.
     size : sparse, shape (m, n)
-        The sizes of what was added up to each entry, which show what is left of a cancellation; `eliminate` keeps them.
+        The sum of the magnitudes of the terms of each entry. An entry that is rounding beside it is what a cancellation left.
+        `eliminate` sets and updates it.
     """
 
     A: Matrix
@@ -39,7 +40,7 @@ class Equations:
     size: Any = None
 
     def chosen(self, rows: Array) -> Equations:
-        """Some of the equations, by their numbers or by one bool for each."""
+        """The equations with these numbers, or those for which `rows` is True."""
         rows = np.arange(len(self.owner))[rows]
         return replace(self, A=self.A[rows], owner=self.owner[rows], size=None if self.size is None else self.size[rows])
 
@@ -50,7 +51,7 @@ class Equations:
 
 
 def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
-    """How far coordinates move at unit energy, (|k_jj| + ω² |m_jj|)^(-1/2), (n,), and a typical ω², the second result."""
+    """The displacement of each coordinate at unit energy, (|k_jj| + ω² |m_jj|)^(-1/2), (n,), and ω², the median |k_jj|/|m_jj|."""
     mass, size = np.abs(mass), np.abs(stiffness)
     both = (size > 0) & (mass > 0)
     typical = float(np.median(size[both] / mass[both])) if both.any() else 1.0
@@ -60,16 +61,16 @@ def units(mass: Array, stiffness: Array) -> tuple[Array, float]:
 
 
 def comparable(unit: Array, spread: float = 1e3) -> Array:
-    """Units of energy, (n,), none farther from their median than `spread` times.
+    """The displacements at unit energy, (n,), limited to within a factor `spread` of their median.
 
-    Else a DOF that costs next to nothing makes all others rounding beside it, though the joints move it with them.
+    Beside a DOF of almost no stiffness and mass, all other DOF would count as rounding, although the joints move it with them.
     """
     usual = float(np.median(unit)) if len(unit) else 1.0
     return np.clip(unit, usual / spread, usual * spread)
 
 
 def reach(S: Matrix, unit: Array) -> Array:
-    """How far each coordinate y goes, (k,), until one of x = S y has moved by its unit; 1 where S moves nothing."""
+    """The displacement of each coordinate y_j, (k,), at which the first DOF of x = S y has moved by its unit; 1 if S_j is 0."""
     size = largest(sp.csr_array(abs(sp.csr_array(S)).T) @ sp.diags_array(1 / unit))
     return 1 / np.where(size > 0, size, 1.0)
 
@@ -86,21 +87,23 @@ class Eliminated:
 
 def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], pivot: float = 1e-5,
               spread: float = 0.1) -> Eliminated:
-    """The motions that A x = 0 leaves: Boolean where two DOF are equal, then by dependent DOF, then by an orthonormal basis.
+    """x = L y with A L = 0, in three steps: equal DOF are merged, dependent DOF substituted, and a null space found for the rest.
 
-    1. x_i = x_j and x_i = 0: DOF that are equal become one coordinate, by connected components, so that no order and no
-       redundant loop changes L, whose entries are exactly 1.
-    2. An equation with a DOF that is in no other one gives that DOF by the rest of it. L stays sparse.
-    3. What is left couples generalised coordinates: per group of equations that share some, x = S Q₂ y with S the units of
-       energy and Q₂ the null space of A S, by a QR decomposition with pivots. Pivots below 1e-10 of the first are redundant.
+    1. Equations x_i = x_j and x_i = 0: equal DOF become one coordinate, found by connected components. The entries of L are
+       exactly 1. Neither the order of the equations nor a redundant loop changes L.
+    2. An equation with a DOF that no other equation contains is solved for this DOF. L stays sparse.
+    3. The remaining equations couple generalised coordinates. For each group of equations that share coordinates, x = S Q₂ y.
+       S = diag(unit), and Q₂ spans the null space of A S, from a QR decomposition with pivots. A pivot below 1e-10 of the first
+       marks a redundant equation.
 
     Parameters
     ----------
     equations : Equations
     refuse : callable
-        Gets the owners of equations that leave none of their coordinates any motion, and how many of both; it raises the error.
+        Called with the owners of equations that leave their coordinates no motion, and the numbers of these equations and
+        coordinates. It raises the error.
     pivot : float
-        Smallest entry of a DOF that is given by the rest of its equation, relative to the largest entry: lever arms are in mm.
+        An equation is solved for a DOF only if its entry, relative to the largest one, exceeds this. Lever arms may be in mm.
     spread : float
         The same for a generalised coordinate, in units of energy. A tenth is the usual threshold of sparse LU.
 
@@ -113,7 +116,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], p
     L = sp.eye_array(whole, format="csr")
     equations = _pruned(replace(equations, size=abs(equations.A)))
 
-    # 1. one coordinate for all DOF that are equal, none for those that are held, until no equation is of these two kinds
+    # 1. equal DOF get one coordinate, held DOF none, until no equation of these two kinds is left
     while True:
         A, n = equations.A, equations.A.shape[1]
         count, start = np.diff(A.indptr), A.indptr[:-1]
@@ -132,7 +135,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], p
         physical = (T.T @ equations.physical.astype(float)) > 0
         L, equations = L @ T, _pruned(equations.through(T, unit, physical))
 
-    # 2. coordinates that are in one equation alone are given by the rest of it; equations that have none are left
+    # 2. an equation is solved for a coordinate that no other equation contains; equations without such a coordinate are left
     if len(equations.owner):
         A, (m, n) = equations.A, equations.A.shape
         rows, columns, size = np.repeat(np.arange(m), np.diff(A.indptr)), A.indices, np.abs(A.data)
@@ -142,7 +145,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], p
         first = A.indptr[:-1]
         longest = np.maximum.reduceat(plain, first)[rows]
         share = energy / np.maximum.reduceat(energy, first)[rows]
-        # a displacement before an amplitude: it keeps its meaning where it is given by others
+        # prefer a displacement to an amplitude: a dependent displacement keeps its meaning
         rank = np.where(is_physical & (plain > pivot * longest), 1 + size / np.where(longest > 0, longest, 1.0),
                         np.where(share > spread, share, 0.0)) * alone
         best = np.lexsort((rank, rows))[A.indptr[1:] - 1]
@@ -163,7 +166,7 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], p
         L, equations = L @ T, _pruned(equations.chosen(np.flatnonzero(~used)).through(T, equations.unit[kept],
                                                                                        equations.physical[kept]))
 
-    # 3. an orthonormal basis, in units of energy, of what each group of equations leaves of its coordinates
+    # 3. for each group of equations an orthonormal basis of its null space, in units of energy
     if len(equations.owner):
         unit, places, blocks = equations.unit, [], []
         for rows, columns in groups(equations.A):
@@ -186,10 +189,10 @@ def largest(A: Matrix) -> Array:
 
 
 def _pruned(equations: Equations) -> Equations:
-    """Without entries that are rounding, and without equations of which nothing is left.
+    """The equations without entries that are rounding, and without equations that then have no entry.
 
-    Entries of DOF are compared with each other as they are. In units of energy the stiff one of two equal DOF would be rounding
-    beside the soft one, and the soft one would be held. Shapes have the rounding of their part, and are compared in these units.
+    Entries of DOF are compared unscaled. In units of energy, a stiff DOF would be rounding beside a soft DOF that equals it, and
+    the soft DOF would be held. Entries of shapes have the rounding of their part, and are compared in units of energy.
     """
     A, physical = equations.A, equations.physical[equations.A.indices]
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
@@ -203,7 +206,10 @@ def _pruned(equations: Equations) -> Equations:
 
 
 def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matrix, Array]:
-    """x = T y for n coordinates x of which each block gives those in its places, and those in none stay; and which these are."""
+    """T with x = T y, y = (coordinates in no places, coordinates of the blocks), and the numbers of the former.
+
+    Block i gives the coordinates x in places[i]; those in no places stay as they are.
+    """
     taken = np.concatenate(places)
     kept = np.setdiff1d(np.arange(n), taken)
     T = sp.block_diag([sp.eye_array(len(kept)), *map(sp.coo_array, blocks)], format="csr")
@@ -211,7 +217,7 @@ def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matr
 
 
 def _clean(Q: Array) -> Array:
-    """Q with 0 for rounding: else rigid motion costs the square of one, and a massless coordinate has the mass of one."""
+    """Q with its rounding set to 0: it would give rigid motion strain energy, and a massless coordinate mass."""
     return np.where(np.abs(Q) > 4 * EPS * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
 
 
@@ -228,9 +234,9 @@ def groups(A: Matrix) -> Iterator[tuple[Array, Array]]:
 
 
 def _rows_apart(equations: Equations, rows: Array, columns: Array, size: Array | None = None) -> RowSpace:
-    """The row space of some equations in units of energy, with a warning where a row may be redundant by rounding.
+    """The row space of these equations in units of energy, with a warning where rounding decides whether a row is redundant.
 
-    With the `size` of each equation before anything cancelled in it there is no basis.
+    Each row is divided by its norm, or by its `size` before terms cancelled in it. With `size` no basis is computed.
     """
     A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
     found = row_space(A / (np.linalg.norm(A, axis=1) if size is None else size)[:, None], basis=size is None)
@@ -241,10 +247,11 @@ def _rows_apart(equations: Equations, rows: Array, columns: Array, size: Array |
 
 
 def links_without_rounding(ends: Iterable[tuple[Matrix, Array]], unit: Array) -> Matrix:
-    """Motions Σ B x of some ends B (m, n), with 0 for rounding; `unit` (n,) is how far each coordinate moves at unit energy.
+    """Σ B (m, n), the motion between the ends of a link, with rounding set to 0; `unit` (n,) are displacements at unit energy.
 
-    With each B stands the size of its motions at unit energy before the joints, (m,). An entry is compared with the ends that it
-    belongs to: a light end moves far, and would make rounding of a heavy one, or be rounding beside shapes of large numbers.
+    `ends` has each B with the size of its motions at unit energy before the joints, (m,). An entry is compared only with the ends
+    that it belongs to. Beside a light end, which moves far, the entries of a heavy one would count as rounding. Beside shapes of
+    large numbers, those of the light one would.
     """
     moved: Any = 0.0
     size: Any = 0.0
@@ -252,7 +259,7 @@ def links_without_rounding(ends: Iterable[tuple[Matrix, Array]], unit: Array) ->
         end = masked(B, abs(B) * unit > ROUNDING * whole[:, None])
         moved = moved + end
         size = size + (end != 0) * whole[:, None]
-    return masked(moved, abs(moved) * unit > ROUNDING * size)  # ends that move alike leave the rounding of the larger one
+    return masked(moved, abs(moved) * unit > ROUNDING * size)  # the difference of ends that move alike is rounding
 
 
 def masked(A: Matrix, keep: Matrix) -> Matrix:
@@ -268,8 +275,8 @@ def known_sums(A: Matrix, size: Matrix) -> Matrix:
 def independent(equations: Equations, size: Array) -> Array:
     """Indices (ascending) of a maximal set of independent equations.
 
-    `size` (m,) is that of each equation before anything cancelled in it. What is left of an equation that follows from others
-    is rounding of this size, and no equation.
+    `size` (m,) is the size of each equation before terms cancelled in it. An equation whose remainder is rounding beside that
+    size follows from the others.
     """
     found = [np.zeros(0, dtype=np.intp)]
     for rows, columns in groups(equations.A):
@@ -279,9 +286,10 @@ def independent(equations: Equations, size: Array) -> Array:
 
 
 def product(A: Matrix, B: Matrix, filled: float = 0.3) -> Matrix:
-    """A B, sparse if both are. Where interfaces spread over all coordinates both are filled, and multiplied as dense ones.
+    """A B, sparse if both are.
 
-    From the share `filled` of entries that are not 0 the product of dense matrices is faster.
+    Two matrices with more than the share `filled` of nonzeros are multiplied as dense ones, which is faster. Interfaces that
+    spread over all coordinates give such matrices.
     """
     dense = [X.toarray() if sp.issparse(X) and X.nnz > filled * X.shape[0] * X.shape[1] else X for X in (A, B)]
     if any(map(sp.issparse, dense)):
@@ -298,7 +306,7 @@ def congruent(A: Matrix, T: Matrix) -> Matrix:
 
 
 def without_dust(A: Matrix, bound: Array) -> Matrix:
-    """A positive semidefinite A with 0 in rows and columns whose diagonal entry is rounding, of either sign, of `bound` (n,)."""
+    """A positive semidefinite A with 0 in rows and columns whose diagonal entry is rounding, of either sign, beside `bound`."""
     dust = A.diagonal() <= SUMS * bound
     if not A.diagonal()[dust].any():
         return A
@@ -307,22 +315,23 @@ def without_dust(A: Matrix, bound: Array) -> Matrix:
 
 
 def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
-    """x = T (u_b, y) with B T = [I 0]: coordinates of which the first are the motions u_b = B x themselves.
+    """x = T y, where y[places] are the interface displacements u_b = B x: B T is I in these columns, and 0 in all others.
 
-    Columns that no row of B but a unit one touches stay as they are. A B without full rank has no such T: x stays. (R. R.
-    Craig and C.-J. Chang 1977 solve for the residual coordinates to the same end.)
+    Coordinates that only unit rows of B contain stay as they are. If B does not have full rank, there is no such T, and x stays.
+    R. R. Craig and C.-J. Chang (1977) solve for the residual coordinates for the same purpose.
 
     Parameters
     ----------
     B : sparse, shape (b, n)
     unit : ndarray, shape (n,)
+        The displacement of each coordinate at unit energy.
 
     Returns
     -------
     T : sparse, shape (n, n), or None for the identity
-        Its columns are those of x that stay, then the others.
-    places : ndarray, shape (b,), or (0,) where B has not full rank
-        The columns of T that are u_b.
+        The columns of the coordinates that stay come first.
+    places : ndarray, shape (b,), or (0,) where B does not have full rank
+        The columns of T that belong to u_b.
     """
     import scipy.linalg as la
 
@@ -330,7 +339,7 @@ def recovered(B: Matrix, unit: Array) -> tuple[Matrix | None, Array]:
     plain = (np.diff(B.indptr) == 1) & (B.sum(axis=1) == 1.0)
     columns = np.unique(B[np.flatnonzero(~plain)].indices)
     mixed = ~plain
-    mixed[plain] = np.isin(B.indices[B.indptr[:-1][plain]], columns)  # a DOF of which another row takes its share
+    mixed[plain] = np.isin(B.indices[B.indptr[:-1][plain]], columns)  # unit rows of a DOF that another row contains, too
     rows = np.flatnonzero(mixed)
     if len(rows) > len(columns):
         return None, np.zeros(0, dtype=np.intp)

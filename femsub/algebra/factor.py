@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 
 class Handle(Protocol):
-    """What a factorisation offers, whoever made it."""
+    """The interface of every factorisation."""
 
     kind: Kind
     package: str
@@ -84,11 +84,11 @@ class DenseFactor:
         return self._solve(B)
 
     def close(self) -> None:
-        """Nothing to give back; there for the likeness with sparse factors."""
+        """Does nothing: there is no memory to free, as in sparse factors."""
 
 
 def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
-    """A handle on A⁻¹, chosen by what A is: 'definite', 'symmetric' or 'general'.
+    """A factorisation of A, chosen by its kind: 'definite', 'symmetric' or 'general'.
 
     Raises
     ------
@@ -104,19 +104,19 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
 
 
 def _logged(handle: Handle) -> Handle:
-    """The same factor, once the log knows of it: sparse ones are worth a line each, small ones are for the curious."""
+    """The same factor, after a line in the log: of level INFO for a sparse factor, DEBUG for a dense one."""
     log.log(logging.DEBUG if isinstance(handle, DenseFactor) else logging.INFO, "%s factor of %d DOF by %s%s", handle.kind,
             handle.size, handle.package.upper(), ", on disk: memory is short" if handle.on_disk else "")
     return handle
 
 
 def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> Handle:
-    """The factor of a model's K - σM, found again if it was made before (see `shared`): not for its users to close.
+    """The factor of a model's K - σM, from the cache if it was made before (see `shared`). Its users must not close it.
 
     Raises
     ------
     SingularMatrixError
-        As `factorise`, and again where that was found before.
+        As `factorise`. The cache keeps this result, too.
     """
     def made() -> Handle | str:
         try:
@@ -131,12 +131,12 @@ def shared_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float =
 
 
 def forget_factor(K: Matrix, kind: Kind, M: Matrix | None = None, sigma: float = 0.0) -> None:
-    """Gives up a shared factor that has turned out to be of no use."""
+    """Removes a factor that has turned out to be of no use from the cache."""
     forget(*_key(K, kind, M, sigma))
 
 
 def release(model: Any) -> None:
-    """Gives up all that is shared of the matrices of a model or pencil: its factors go as soon as nobody works with them."""
+    """Removes all cached objects of a model or pencil. Its factors are freed as soon as nobody uses them."""
     pencil = getattr(model, "pencil", model)
     drop(model.M, model.K, pencil.M, pencil.K)
 
@@ -151,9 +151,9 @@ def _key(K: Matrix, kind: Kind, M: Matrix | None, sigma: float) -> tuple[tuple[M
 
 
 def fork_pays(factor: Handle, columns: int) -> bool:
-    """Whether so many solves with this factor are worth a fork, and whether one is safe.
+    """Whether solves for this number of columns are worth a fork, and a fork is safe.
 
-    CHOLMOD solves without threads and without messages of its own.
+    It is safe with CHOLMOD, which solves without threads and without messages of its own.
     """
     if not isinstance(factor, SparseFactor) or factor.package != "cholmod":
         return False
@@ -162,7 +162,7 @@ def fork_pays(factor: Handle, columns: int) -> bool:
 
 
 def solved(factor: Handle, B: Array) -> Array:
-    """A⁻¹B, of which a fork finds half where that pays: a second thread of BLAS gains much less."""
+    """A⁻¹B for B (n, k). Where it pays, a fork solves for half of the columns: a second thread of BLAS gains much less."""
     if not fork_pays(factor, B.shape[1]):
         return factor.solve(B)
     X = shared_zeros(*B.shape)
@@ -178,7 +178,7 @@ class TreeFactor:
     """A = L D Lᵀ of a symmetric sparse A (n, n) whose graph is a forest, from the leaves on, without fill or pivoting.
 
     The signs of D are those of a matrix that differs from A by rounding in each entry (Demmel and Gragg, Linear Algebra
-    Appl. 185 (1993) 203), which makes it the best of counts; for solutions there is no such promise.
+    Appl. 185 (1993) 203). So the count is as accurate as the entries of A allow; solutions may be less accurate.
     """
 
     kind: Kind = "symmetric"
@@ -211,14 +211,14 @@ class TreeFactor:
         return result
 
     def close(self) -> None:
-        """Nothing to give back; there for the likeness with PETSc's factors."""
+        """Does nothing: there is no memory to free, as in PETSc's factors."""
 
 
 def counting(A: Matrix | Difference, keep: bool = True, awaited: Callable[[], float] | None = None) -> Handle:
-    """A factorisation of a symmetric A for the sake of its inertia; nothing asserts how good its solutions are.
+    """A factorisation of a symmetric A for its inertia; the accuracy of its solutions is not tested.
 
     Where A is singular within rounding, eigenvalues that are rounding may count as negative or not. With keep=False it
-    cannot solve, and takes a quarter of the memory. Of K - σM whose σ is `awaited`, as much as possible is done before.
+    cannot solve, and takes a quarter of the memory. `awaited` waits for the σ of K - σM; as much as possible is done before that.
 
     Raises
     ------
@@ -246,8 +246,9 @@ def inertia(A: Matrix | Difference, awaited: Callable[[], float] | None = None) 
 
 
 def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
-    """Whether each is positive definite, by Cholesky factors that are not kept. One with the pattern of that before has its
-    order of elimination.
+    """Whether each matrix is positive definite, by Cholesky factors that are not kept.
+
+    A matrix with the same pattern as the one before it uses the same order of elimination.
     """
     found: list[bool] = []
     factor: Handle | None = None
@@ -262,7 +263,7 @@ def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
         except SingularMatrixError:
             found.append(False)
             factor = None
-        # beside the next one and its factor there may be no room for the entries of both
+        # the pattern alone: beside the next matrix and its factor there may be no room for the entries of this one
         pattern = SimpleNamespace(indptr=A.indptr, indices=A.indices) if sp.issparse(A) else None
         del A
     if factor is not None:
@@ -271,9 +272,9 @@ def are_definite(matrices: Iterable[Matrix]) -> list[bool]:
 
 
 def negative_eigenvalues(A: Array) -> int:
-    """How many eigenvalues of a symmetric A are negative, by the inertia of LDLᵀ (Bunch and Kaufman): no eigensolver.
+    """The number of negative eigenvalues of a symmetric A, by the inertia of LDLᵀ (Bunch and Kaufman), without an eigensolver.
 
-    A block of two rows has one of each sign.
+    A block of two rows in D has one eigenvalue of each sign.
     """
     import scipy.linalg as la
 
@@ -284,16 +285,16 @@ def negative_eigenvalues(A: Array) -> int:
 
 
 def _small(A: Difference) -> Array | None:
-    """A as an array where LAPACK is to take it, else None."""
+    """A as a dense array if it is dense or small enough for LAPACK, else None."""
     if not sp.issparse(A.K):
         return np.asarray(A.formed())
     return A.formed().toarray() if A.shape[0] <= SMALL else None
 
 
 class ComplexFactor:
-    """A = L U of a complex sparse A (n, n), which real PETSc cannot factorise: by SuperLU, and of a large one by MUMPS on
+    """A = L U of a complex sparse A (n, n), which real PETSc cannot factorise: by SuperLU, or for a large A by MUMPS.
 
-        [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
+    MUMPS factorises the real form, [[Re A, -Im A], [Im A, Re A]] [Re x; Im x] = [Re b; Im b].
 
     Raises
     ------
@@ -320,7 +321,7 @@ class ComplexFactor:
         b = np.asarray(B, dtype=complex)
         if self._lu is not None:
             return self._lu.solve(b, "T" if transposed else "N")
-        b = b.conj() if transposed else b  # the real form's transpose is that of the conjugated transpose of A
+        b = b.conj() if transposed else b  # the transpose of the real form is the real form of Aᴴ
         x = self._real.solve(np.concatenate([b.real, b.imag]), transposed)
         x = x[:self.size] + 1j * x[self.size:]
         return x.conj() if transposed else x

@@ -21,7 +21,7 @@ class Frozen:
     """
 
     def _set(self, **values: Any) -> None:
-        """Fields of an object under construction."""
+        """Set fields of an object under construction, read-only."""
         for name, value in values.items():
             object.__setattr__(self, name, frozen(value))
 
@@ -41,7 +41,7 @@ class Frozen:
 
 
 def frozen(value: Any) -> Any:
-    """A read-only version: of an array or matrix (also in a tuple) itself, of a mapping a view of a copy; else unchanged."""
+    """The value, read-only: an array or matrix (also in a tuple) is locked itself, a mapping is copied; others are unchanged."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif sp.issparse(value):
@@ -56,9 +56,9 @@ def frozen(value: Any) -> Any:
 
 
 def is_sealed(matrix: Any) -> bool:
-    """Whether a CSR matrix has the arrays of a model, which nobody can write to.
+    """Whether the arrays of a CSR matrix belong to a model, so that nobody can write to them.
 
-    A read-only array of the caller is not enough: it may be a view of memory that is written to, or have such views.
+    A read-only array of the caller is not enough: it may be a view of writable memory, or have writable views.
     """
     return all(_sealed.get(id(array)) is array and not array.flags.writeable for array in _arrays(matrix))
 

@@ -1,4 +1,4 @@
-"""What factors and products rest on: the packages that are installed, BLAS, processors, memory, and what is wrong with them."""
+"""The installation that computations depend on: packages, BLAS, processors and memory, with the faults found in it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from femsub.checks import DENSE, EQUAL, FemsubError, installed_by
 
 OPTIONAL = "matplotlib", "scikit-fem", "meshio", "plotly", "pyyeti"
 PACKAGES = {"MUMPS": "mumps", "CHOLMOD": "suitesparse", "METIS": "metis", "Scotch": "ptscotch"}  # as PETSc calls them
-#: by packages that are missing, broken, or do not fit each other
+#: exceptions of packages that are missing, broken, or do not fit each other
 THROWN = (ArithmeticError, AttributeError, FemsubError, ImportError, LookupError, OSError, RuntimeError, SystemError, TypeError,
           ValueError, np.linalg.LinAlgError)
 
 
 @dataclass
 class Findings:
-    """Lines to print, and what is wrong, each with what to do."""
+    """Lines to print, and the faults that were found, each with its remedy."""
 
     lines: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
@@ -39,13 +39,13 @@ class Findings:
 
     @property
     def text(self) -> str:
-        """The lines, what is wrong, and a verdict."""
+        """The lines, the faults, and a verdict."""
         verdict = "something is wrong: see above" if self.wrong else "nothing is wrong"
         return "\n".join([*self.lines, *(f"WRONG        {one}" for one in self.wrong), verdict])
 
     @contextmanager
     def noting(self, part: str) -> Iterator[None]:
-        """What is raised within is one of the wrong things, and the rest goes on. An error of femsub says itself what to do."""
+        """Inside, an exception is noted as a fault, and the examination goes on. femsub's own errors name the remedy."""
         try:
             yield
         except THROWN as error:
@@ -54,7 +54,7 @@ class Findings:
 
 
 def examine() -> Findings:
-    """Everything, however much of it fails: each part that does is one of the wrong things."""
+    """Examine all parts of the installation. A part that fails is noted as a fault, and the next is examined."""
     found = Findings()
     with found.noting("python"):
         found.add("Python", f"{platform.python_version()}, {sys.executable}")
@@ -116,7 +116,7 @@ def examine() -> Findings:
     with found.noting("memory"):
         free = available()
         found.add("memory", "unknown on this system" if free is None else f"{free / 1e9:.1f} GB available to this process")
-        # all modes of a dense model: the two matrices of its linearisation, of twice its size, and the vectors of both sides
+        # all modes of a dense model: the two matrices of its linearisation, of twice its size, and left and right eigenvectors
         if free is not None and free < 4 * 8 * (2 * DENSE)**2:
             found.wrong.append(f"only {free / 1e9:.1f} GB of memory are available: end other programs, or raise the container's "
                                "limit")

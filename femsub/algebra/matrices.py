@@ -16,7 +16,7 @@ from femsub.algebra.processes.cache import shared
 from femsub.algebra.processes.threads import times
 from femsub.checks import EPS, Array, InputError, InputTypeError, Matrix, refuse_masked
 
-ROUNDING = 64 * EPS  # of sqrt(|a_ii a_jj|): the rounding of two assemblies of the same element matrices in different order
+ROUNDING = 64 * EPS  # relative to sqrt(|a_ii a_jj|): two assemblies of the same element matrices in different order differ by it
 
 
 def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
@@ -38,7 +38,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         sealed = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
         matrix = None if np.iscomplexobj(raw) else raw
         if matrix is not None and not (sealed and raw.dtype == np.float64):
-            if sp.issparse(raw):  # with short indices where they do: sums of matrices often have long ones
+            if sp.issparse(raw):  # with 32-bit indices where they suffice: sums of matrices often have 64-bit ones
                 short = max(raw.nnz, *raw.shape) <= np.iinfo(np.int32).max
                 places = (part.astype(np.int32 if short else np.int64) for part in (raw.indices, raw.indptr))
                 matrix = sp.csr_array((raw.data.astype(np.float64), *places), shape=raw.shape)
@@ -62,7 +62,7 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
         row, column = (int(places[~np.isfinite(entries.data)][0]) for places in (entries.row, entries.col))
         raise InputError(f"{name} holds a NaN or Inf, first at row {row}, column {column}")
     largest = max(float(data.max(initial=0.0)), -float(data.min(initial=0.0)))  # |A| would be a copy of it
-    # products of three entries must stay below 1e308; a damping may be as small as it likes
+    # products of three entries must stay below 1e308; a damping may be arbitrarily small
     if largest > 1e100 or (name not in "DH" and 0 < largest < 1e-100):
         raise InputError(f"{name}'s largest entry is {largest:.3g}. Products of such numbers leave the range of floating point. "
                          "Choose other units")
@@ -77,7 +77,7 @@ def same(A: Matrix, B: Matrix) -> bool:
 
 
 def is_symmetric(matrix: Matrix) -> bool:
-    """Whether A = Aᵀ exactly. Of a model's matrix it is kept: the transpose takes as much memory as the matrix."""
+    """Whether A = Aᵀ exactly. The answer is cached for a model's matrix: the transpose takes as much memory as the matrix."""
     if sp.issparse(matrix) and matrix.format == "csr" and is_sealed(matrix):
         return shared((matrix,), "symmetric", lambda: _is_symmetric(matrix))
     return _is_symmetric(matrix)
@@ -91,16 +91,16 @@ def _is_symmetric(matrix: Matrix) -> bool:
 
 
 def weighted(terms: Sequence[tuple[float, Matrix]]) -> Matrix:
-    """Σ θ_i A_i of a model's matrices, dense or CSR, without sparse ones whose θ is 0; dense if one of them is.
+    """Σ θ_i A_i of a model's matrices, dense or CSR; dense if one of them is. Sparse A_i with θ_i = 0 are left out.
 
-    The sum is read-only as they are, so that `as_matrix` takes a sparse one without a copy.
+    The sum is read-only like its terms, so that `as_matrix` takes a sparse sum without a copy.
     """
     acting = [(theta, A) for theta, A in terms if theta or not sp.issparse(A)] or terms
     return frozen(reduce(plus, (A if theta == 1 else theta * A for theta, A in acting)))
 
 
 def plus(A: Matrix, B: Matrix) -> Matrix:
-    """A + B, dense or sparse, without zeros. SciPy merges rows, which takes four times as long where the patterns are equal."""
+    """A + B, dense, or sparse without stored zeros. SciPy merges rows, which takes four times as long for equal patterns."""
     if sp.issparse(A) and sp.issparse(B) and A.format == B.format == "csr" and same_pattern(A, B):
         data = A.data + B.data
         return _some(A, data, data != 0)
@@ -108,11 +108,11 @@ def plus(A: Matrix, B: Matrix) -> Matrix:
 
 
 def rows_of_zeros(*matrices: Matrix, among: Array | None = None) -> Array:
-    """The rows, of those in `among`, that hold zeros alone in each matrix; of a square one their columns as well."""
+    """The rows, of those in `among`, that are 0 in every matrix; in a square matrix the same column must be 0, too."""
     rows = np.arange(matrices[0].shape[0]) if among is None else among
     for A in matrices:
         if A.shape[0] == A.shape[1]:
-            rows = rows[A.diagonal()[rows] == 0]  # most are not
+            rows = rows[A.diagonal()[rows] == 0]  # most diagonal entries are not 0
     for A in matrices:
         size = np.asarray(abs(A[rows]).sum(axis=-1)) if len(rows) else np.zeros(0)
         if len(rows) and A.shape[0] == A.shape[1]:
@@ -127,7 +127,7 @@ def is_identity(matrix: Matrix) -> bool:
 
 
 def halves(A: Matrix) -> tuple[Matrix, Matrix]:
-    """(A + Aᵀ)/2 and (A - Aᵀ)/2. Sparse ones, of a CSR in canonical form, store no zeros."""
+    """(A + Aᵀ)/2 and (A - Aᵀ)/2. If A is sparse, a CSR in canonical form, they store no zeros."""
     even, odd = _halves(A, (1.0, -1.0))
     return even, odd
 
@@ -146,7 +146,7 @@ def _halves(A: Matrix, signs: Sequence[float]) -> Iterator[Matrix]:
 
 
 def _some(A: Matrix, data: Array, keep: Array) -> Matrix:
-    """A CSR matrix with these entries in the places of A's, those that are kept."""
+    """A CSR matrix with the pattern of A and the entries `data`, without those where `keep` is False."""
     if keep.all():
         return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
     at = np.flatnonzero(keep)
@@ -154,7 +154,7 @@ def _some(A: Matrix, data: Array, keep: Array) -> Matrix:
 
 
 def block_diagonal(matrices: Sequence[Matrix]) -> Matrix:
-    """diag(A₁, A₂, …), sparse. That of SciPy takes twice the memory of its result beside it."""
+    """diag(A₁, A₂, …), sparse. SciPy's function needs twice the memory of its result beside it."""
     blocks = [one if isinstance(one, sp.csr_array) else sp.csr_array(one) for one in matrices]
     rows, columns, entries = (np.cumsum([0, *sizes]) for sizes in zip(*((*one.shape, one.nnz) for one in blocks), strict=True))
     whole = np.int32 if max(columns[-1], entries[-1]) <= np.iinfo(np.int32).max else np.int64
@@ -169,7 +169,7 @@ def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matr
     """(A + Aᵀ)/2 if |a_ij - a_ji| ≤ ROUNDING sqrt(|d_i d_j|) for all i, j, else A itself; and whether the result is symmetric.
 
     An assembly may add up the two triangles in different order. The skew part is then rounding, but it would rule out the
-    cheaper methods for symmetric matrices. d is the diagonal of A, or of the sum of A and what it is to be added to.
+    cheaper methods for symmetric matrices. d is the diagonal of A, or of A + `beside` for a matrix that A will be added to.
     """
     if sp.issparse(matrix):
         other = matrix.T.tocsr()  # canonical, as `matrix` is
@@ -191,18 +191,18 @@ def without_rounding(matrix: Matrix, beside: Matrix | None = None) -> tuple[Matr
     scale = np.sqrt(np.abs(matrix.diagonal() + (0.0 if beside is None else diagonal(beside))))
     if (np.abs(skew) > ROUNDING * scale[row] * scale[column]).any():
         return matrix, False
-    return frozen(next(_halves(matrix, (1.0,)))), True  # both take twice the memory
+    return frozen(next(_halves(matrix, (1.0,)))), True  # both halves would take twice the memory
 
 
 def without_signs(A: Matrix) -> Matrix:
-    """|A| entry by entry: A itself where no entry is negative. A sparse one shares the indices, which SciPy's would copy."""
+    """|A| entry by entry; A itself if no entry is negative. If sparse, it shares A's indices, which SciPy's abs would copy."""
     if not sp.issparse(A) or A.format != "csr":
         return abs(A)
     return A if A.data.min(initial=0.0) >= 0 else sp.csr_array((np.abs(A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def diagonal(matrix: Matrix) -> Array:
-    """The diagonal of a matrix of a model, (n,), which is kept with it: SciPy passes through all entries of a sparse one."""
+    """The diagonal (n,) of a model's matrix, cached with it: SciPy passes through all entries of a sparse matrix each time."""
     if not sp.issparse(matrix):
         return np.diagonal(matrix)
     found: Array = shared((matrix,), "diagonal", lambda: frozen(matrix.diagonal()), lambda d: d.nbytes)
@@ -232,7 +232,7 @@ def equilibration(A: Matrix) -> tuple[Array, Array]:
 
 
 def equilibrated(A: Matrix) -> tuple[Array, Array, float]:
-    """Row and column scales, and the norm of the scaled matrix, which is not formed (beside a large factor it may not fit)."""
+    """Row and column scales, and the norm of the scaled matrix, which is not formed: it may not fit beside a large factor."""
     rows, columns = equilibration(A)
     size = abs(A)
     return rows, columns, float(np.sqrt(np.max(rows * (size @ columns)) * np.max(columns * (size.T @ rows))))
@@ -290,7 +290,7 @@ class Difference:
         return Difference(without_signs(self.K), without_signs(self.M), -1.0)
 
     def at(self, sigma: float) -> Difference:
-        """The same at another σ."""
+        """K - σM for another σ."""
         return Difference(self.K, self.M, sigma)
 
     def __matmul__(self, x: Array) -> Array:
@@ -299,7 +299,7 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class Sum:
-    """diag(u) Σ θ_i A_i diag(u) of sparse A_i (n, n): products are found term by term. Formed it may be as large as a basis."""
+    """diag(u) Σ θ_i A_i diag(u) of sparse A_i (n, n). Products are found term by term: the sum may be as large as a basis."""
 
     terms: Sequence[tuple[float, Matrix]]
     unit: Array  #: u, (n,), powers of two
@@ -315,11 +315,11 @@ class Sum:
 
     @property
     def nnz(self) -> int:
-        """At most so many entries are not 0."""
+        """An upper bound of the number of nonzeros."""
         return sum(A.nnz for theta, A in self.terms if theta)
 
     def formed(self) -> Matrix:
-        """The matrix itself, by slabs of rows: a sum of two matrices has room for the entries of both."""
+        """The matrix itself, summed by slabs of rows: SciPy's sum of two matrices takes room for the entries of both."""
         acting = [(theta, A) for theta, A in self.terms if theta] or self.terms
         if len(acting) == 1:
             found = weighted(acting)
@@ -330,7 +330,7 @@ class Sum:
             for a, b in slabs(n):
                 rows = weighted([(theta, A[a:b]) for theta, A in acting])
                 ends[a + 1:b + 1] = ends[a] + rows.indptr[1:]
-                room = len(data) if ends[b] <= len(data) and b < n else int(ends[b]) * n // max(b, 1)  # of the last slab exact
+                room = len(data) if ends[b] <= len(data) and b < n else int(ends[b]) * n // max(b, 1)  # last slab: exact
                 for one in (data, indices):
                     one.resize(room, refcheck=False)
                 data[ends[a]:ends[b]], indices[ends[a]:ends[b]] = rows.data, rows.indices
@@ -347,7 +347,7 @@ class Sum:
         return self._of(np.multiply(self.unit.reshape(-1, *(1,) * (x.ndim - 1)), x, order="C"), self.terms, times)
 
     def sizes(self, x: Array) -> Array:
-        """diag(u) Σ |θ_i| |A_i| diag(u) |x| of x (n, k), with |A_i| by slabs of rows: it is as large as A_i."""
+        """diag(u) Σ |θ_i| |A_i| diag(u) |x| for x (n, k). |A_i| is formed by slabs of rows, since it is as large as A_i."""
         x = np.abs(x, order="C")
         x *= self.unit[:, None]
         return self._of(x, [(abs(theta), A) for theta, A in self.terms], _sizes)
@@ -365,7 +365,7 @@ class Sum:
 
 
 def slabs(n: int, count: int = 8) -> Iterator[tuple[int, int]]:
-    """Ends of so many slabs of n rows: what is done slab by slab takes little memory beside the matrix."""
+    """First row and end of each of `count` slabs of n rows: work slab by slab takes little memory beside the matrix."""
     return pairwise(np.linspace(0, n, count + 1).astype(int).tolist())
 
 

@@ -22,15 +22,15 @@ from femsub.checks import Array, Matrix, NotEnoughMemoryError, temporary
 
 BLOCKS = 3 * BLOCK  # columns in work while constraint modes are computed: loads, solutions and products with K
 LIBRARIES = "petsc4py.PETSc"
-MOST_FILL = 60  # nonzeros of a factor and its count for each one of A, rarely reached: where so many fit, none are estimated
-HEADROOM = 1.2  # times what a factor is foretold to take must be free: a process that takes too much is killed
-FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it goes to a disk, and while it is used there
-_estimated: dict[tuple[int, int, int], float] = {}  # by pattern, 200 bytes for each
-_beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave
+MOST_FILL = 60  # nonzeros of a factor and its count per nonzero of A, rarely reached: if these fit, the fill is not estimated
+HEADROOM = 1.2  # free memory that a factor needs, relative to its estimate: a process that takes too much is killed
+FRONTS, BUFFERED = 0.35, 0.15  # shares of a factor that are in memory while it is written to a disk, and used from there
+_estimated: dict[tuple[int, int, int], float] = {}  # nonzeros of a factor by pattern of A, 200 bytes for each
+_beside: ContextVar[float] = ContextVar("femsub_beside_factor", default=0.0)  # bytes that a factor must leave free
 
 
 def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int, held: Array | None = None) -> float:
-    """Compare the memory that a reduction needs with what is available. Where the factor alone is too large, a disk takes it.
+    """Compare the memory that a reduction needs with the available memory. If it is short, a disk with room takes the factor.
 
     Returns the bytes of the columns that are needed beside the factor, for `kept_free`.
 
@@ -77,7 +77,7 @@ def check_memory(name: str, K: Matrix, columns: int, modes: int, interface: int,
 
 
 def check_columns(name: str, size: int, columns: int) -> None:
-    """Compare the memory for more columns of `size` DOF with what is available; the factor exists already.
+    """Compare the memory for more columns of `size` DOF with the available memory; the factor exists already.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def check_columns(name: str, size: int, columns: int) -> None:
 
 
 def check_room(what: str, need: float, advice: str = "Make it smaller", detail: str = "") -> None:
-    """Compare the bytes that something needs with what is available, before any array is made.
+    """Compare the bytes that something needs with the available memory, before any array is made.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def check_room(what: str, need: float, advice: str = "Make it smaller", detail: 
 
 @contextmanager
 def kept_free(bytes_beside: float) -> Iterator[None]:
-    """Inside, a factor that would leave less memory than this goes to a disk."""
+    """Inside, a factor goes to a disk if it would leave fewer bytes free than these."""
     token = _beside.set(max(bytes_beside, _beside.get()))
     try:
         yield
@@ -116,9 +116,9 @@ def kept_free(bytes_beside: float) -> Iterator[None]:
 
 
 def disk() -> tuple[Path, float]:
-    """The folder for factors, and the bytes that it may take: that for temporary files (TMPDIR), or /var/tmp.
+    """The folder for factors, and the bytes that it may take: the folder for temporary files (TMPDIR), else /var/tmp.
 
-    A folder in memory is of no use. Where neither is on a disk, there is no room.
+    A folder in memory is of no use. If neither folder is on a disk, the room is 0.
     """
     for place in (temporary(), Path("/var/tmp")):
         if is_writable(place) and not in_memory(place):
@@ -129,10 +129,11 @@ def disk() -> tuple[Path, float]:
 def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:
     """Whether the factor of a sparse A, about to be made, is too large for the memory, and a disk has room for it.
 
-    Of one that is not kept only the signs of pivots are, which takes a quarter of the memory.
+    `possible`: whether the factor can use a disk at all. Of a factor that is not `kept` only the signs of the pivots are stored,
+    which takes a quarter of the memory.
 
-    Shared factors are freed before, if their memory is needed. One that leaves no room for a count beside the search stays in
-    memory nevertheless, and the modes are counted afterwards: solves from a disk take longer than that.
+    Cached factors are freed first if their memory is needed. A factor that leaves no room for a count beside the search stays in
+    memory nevertheless. The modes are then counted afterwards, which takes less time than solves from a disk.
 
     Raises
     ------
@@ -160,7 +161,7 @@ def goes_to_disk(A: Matrix, possible: bool, kept: bool = True) -> bool:
 
 def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = None, on_disk: bool = False,
                     nonzeros: float | None = None) -> dict[str, float]:
-    """Bytes beside the component itself, at the stage of its reduction that takes most.
+    """Bytes that a reduction needs beside the component itself, by purpose, at the stage that needs most.
 
     These are the stages, with the columns of n numbers that each holds:
 
@@ -170,8 +171,8 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     - static shapes: the responses, their orthogonal combinations, and V or a temporary;
     - the projection: V, and small matrices.
 
-    Where memory is short, a factor that is kept for later is freed before the count. Of a factor on a disk only its fronts are
-    in memory while it is made, and buffers afterwards.
+    Where memory is short, a factor that is kept for later is freed before the count. A factor on a disk has only its fronts in
+    memory while it is made, and only buffers afterwards.
 
     Parameters
     ----------
@@ -183,12 +184,12 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
     on_disk : bool
         Whether a disk takes the factor.
     nonzeros : float, optional
-        Of the factor. They are estimated from the graph where they are not given.
+        Nonzeros of the factor. By default they are estimated from the graph.
     """
     n, constraint = K.shape[0], 0 if held is None else len(held)
     static, size = max(columns - constraint, 0), columns + modes
     if nonzeros is None:
-        # an interface of less than a hundredth of the DOF that is held makes the factor no smaller
+        # a held interface of less than a hundredth of the DOF makes the factor hardly smaller
         rows = np.setdiff1d(np.arange(n), held) if held is not None and constraint > n / 100 else None
         nonzeros = factor_nonzeros(K if rows is None else K[rows][:, rows])
     small = 9 * 8.0 * size**2  # M, D, K of the model, and their decompositions
@@ -205,25 +206,25 @@ def reduction_bytes(K: Matrix, columns: int, modes: int, held: Array | None = No
 
 
 def search_columns(modes: int) -> float:
-    """Columns of n numbers that block Lanczos takes for so many modes: its basis, blocks in work and the modes."""
+    """Columns of n numbers that block Lanczos needs for this number of modes: its basis, blocks in work and the modes."""
     return (3.5 * modes + 100) * (modes > 0)
 
 
 def count_bytes(K: Matrix, nonzeros: float, kept: bool = False) -> float:
-    """Bytes of an inertia count of K - σM, of whose factor so many nonzeros are made: a quarter of it unless it is kept.
+    """Bytes of an inertia count of K - σM whose factor has `nonzeros`; unless `kept`, a quarter of the factor's bytes.
 
-    Matrices and their graph take 42 bytes beside it for each nonzero of K.
+    Matrices and their graph take another 42 bytes for each nonzero of K.
     """
     return (1.0 if kept else 0.25) * FACTOR_BYTES * nonzeros + 42 * K.nnz
 
 
 def room_of_count(K: Matrix, nonzeros: float, kept: bool = False) -> float:
-    """Bytes that must be free for a process that makes this count beside the search."""
+    """Bytes that must be free for a second process that makes this count beside the search."""
     return HEADROOM * count_bytes(K, nonzeros, kept) + BASE
 
 
 def has_room_to_count(K: Matrix, nonzeros: float) -> bool:
-    """Whether this count fits into memory beside all else, after shared factors have been freed as far as it requires."""
+    """Whether this count fits into the memory that is free, after cached factors have been freed as far as needed."""
     need = room_of_count(K, nonzeros)
     return K.shape[0] < LARGE or (free := at_hand(need)) is None or free >= need
 
@@ -286,5 +287,5 @@ def factor_nonzeros(A: Matrix) -> float:
         halves = np.concatenate([*layers[:k], np.setdiff1d(layers[k], walls[best])]), np.concatenate(layers[k + 1:])
         part = max(halves, key=len)
     total += whole / size * (size**2 / 2 + size * touched)
-    _estimated[pattern] = total / 1.7  # METIS finds better separators by about as much: within a factor of 1.7 for 14 models
+    _estimated[pattern] = total / 1.7  # empirical: METIS finds better separators; within a factor of 1.7 on 14 models
     return _estimated[pattern]

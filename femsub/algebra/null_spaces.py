@@ -1,7 +1,7 @@
-"""Null spaces within rounding: of equations, of masses that several DOF share, and of forces on given motions.
+"""Null spaces within rounding: of equations, of singular mass matrices, and of forces on given motions.
 
-Three rules say what is rounding: a sum, up to SUMS of the sizes of its terms; a vector of forces, up to ROUNDING of the forces
-that cancel in it; and what is left of a row of size 1 beside others, up to DEPENDENT.
+Three limits say what counts as rounding. A sum is compared with SUMS times the sizes of its terms, a vector of forces with
+ROUNDING times the forces that cancel in it. The remainder of a row of size 1, beside other rows, is compared with DEPENDENT.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 from femsub.algebra.matrices import is_symmetric
 from femsub.checks import EPS, Array, Matrix
 
-SUMS = 16 * EPS  # of the sizes of its terms: the most that rounding was seen to leave of a sum of products that cancel
-ROUNDING = 512 * EPS  # the same of the norm of forces in a motion, which rounding has mixed with stiffer ones
-SINGULAR = 64 * EPS  # share of the largest eigenvalue of M, scaled to a unit diagonal, that counts as 0
-DEPENDENT = 1e-10  # a row that others give up to this share of it is redundant, and a motion is given by coordinates up to it
+SUMS = 16 * EPS  # largest remainder seen of a sum of products that cancel, relative to the sizes of its terms
+ROUNDING = 512 * EPS  # the same for the norm of forces in a motion that rounding has mixed with stiffer motions
+SINGULAR = 64 * EPS  # an eigenvalue of M, scaled to a unit diagonal, counts as 0 up to this share of the largest
+DEPENDENT = 1e-10  # a row is redundant if the others leave no more than this share of it; so are motions in some coordinates
 
 
 def rank_of_mass(M: Matrix) -> int:
@@ -39,9 +39,9 @@ def rank_of_mass(M: Matrix) -> int:
 
 
 def massless_apart(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]:
-    """T (n, n) with TᵀMT = [[M₁₁, 0], [0, 0]], M₁₁ of `rank` DOF. The last columns are motions that move no mass.
+    """T (n, n), and TᵀMT = [[M₁₁, 0], [0, 0]] with M₁₁ of `rank` DOF. The last columns of T are motions that move no mass.
 
-    The first columns are single DOF, those of `factor_of_mass`; a rotation would mix stiff DOF into soft ones.
+    The first columns are single DOF, the pivots of `factor_of_mass`; a rotation would mix stiff DOF into soft ones.
     """
     import scipy.linalg as la
 
@@ -57,8 +57,8 @@ def massless_apart(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]
 def factor_of_mass(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]:
     """R (rank, n) with M = RᵀR, by Cholesky's decomposition with pivots, and the pivots (rank,).
 
-    The pivot has the most mass left over its `stiffness` (n,). Else a stiff DOF of little mass would move far with motions that
-    move no mass, and the stiffness of all others would be rounding beside its own.
+    A pivot has the largest ratio of remaining mass to `stiffness` (n,). Otherwise a stiff DOF of little mass would move far in
+    the motions that move no mass, and the stiffness of all others would be rounding beside its own.
     """
     n, mass = len(M), M.diagonal()
     left, R, order = mass.copy(), np.zeros((rank, n)), np.zeros(0, dtype=np.intp)
@@ -77,7 +77,7 @@ def factor_of_mass(M: Array, rank: int, stiffness: Array) -> tuple[Array, Array]
 class RowSpace:
     """Qᵀ Aᵀ[:, order] = R of a dense A (m, n), with pivots: Q = [Q₁ Q₂], Q₁ (n, rank) spans its rows, A Q₂ = 0.
 
-    `doubt` is the first pivot that may be rounding, and may be not; 0 where all are clear.
+    `doubt` is the largest pivot near the limit, which may or may not be rounding; 0 where all pivots are clear.
     """
 
     Q: Array
@@ -93,9 +93,9 @@ class RowSpace:
 
 
 def row_space(A: Array, dependent: float = DEPENDENT, unsure: float = 100.0, basis: bool = True) -> RowSpace:
-    """The decomposition of an A (m, n) with rows of size 1, of which one counts as none if its pivot is up to `dependent`.
+    """The row space of an A (m, n) with rows of size 1; a row whose pivot is not above `dependent` counts as redundant.
 
-    Up to `unsure` times above and below that there is a doubt: rounding of shapes and places is at least so far away. Without
+    A pivot within a factor `unsure` of `dependent` is in doubt. The rounding of shapes and places lies below that range. Without
     `basis`, Q is empty.
     """
     import scipy.linalg as la
@@ -108,12 +108,15 @@ def row_space(A: Array, dependent: float = DEPENDENT, unsure: float = 100.0, bas
 
 
 def null_space(B: Array, size: Array, free: float = 3e-8) -> Array | None:
-    """N (r, k), the c with B c = 0, where `size` (m, r) ≥ |B| are the terms that cancel in B; None where rounding leaves it open.
+    """N (r, k), a basis of all c with B c = 0; None where rounding leaves its size open.
 
-    A c meets a condition that it violates by less than `free` of its terms. From a 30th of that to 30 times as much it is open;
-    motions that reduced parts carry have some 1e-10 of others. Rows and columns are scaled by `size` first, so that neither units
-    nor masses matter: by the factors that bring its entries nearest to 1 in the mean of their logarithms, since a row that joins
-    a large motion to a small one has the largest entry from the large one alone.
+    `size` (m, r) ≥ |B| is the size of the terms that cancel in B. A condition, a row of B, counts as met if c violates it by less
+    than `free` times its terms. Within a factor of 30 of that the answer is open. The motions of reduced parts contain some 1e-10
+    of other motions.
+
+    Rows and columns are first scaled by `size`, so that neither units nor masses matter. The factors bring the entries of `size`
+    nearest to 1 in the mean of their logarithms. The largest entry of a row is no measure: where the row joins a large motion to
+    a small one, only the large one decides it.
     """
     r = B.shape[1]
     rows = size.any(axis=1)
@@ -133,35 +136,35 @@ def null_space(B: Array, size: Array, free: float = 3e-8) -> Array | None:
 
 
 def sizes(Z: Array, unit: Array, least: float = 1e-3) -> Array:
-    """|Z| (n, r), but at least a share of the most that each column moves a DOF, in units (n,).
+    """|Z| (n, r) plus the share `least` of each column's largest displacement, measured in the units (n,) of the DOF.
 
-    A DOF that moves less than the share `least` may do so by rounding.
+    A DOF that moves less than this share may do so by rounding.
     """
     size = np.abs(Z)
     return size + least * unit[:, None] * (size / unit[:, None]).max(axis=0, initial=0.0)
 
 
 def unresisted(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The motions Z (n, r) rotated such that as many as possible have Az = 0, and the indices of those; `unit` scales the DOF.
+    """The motions Z (n, r), rotated so that as many as possible have A z = 0, and the indices of these; `unit` scales the DOF.
 
-    A may be several matrices below each other, and `unit` as often the same.
+    A may be several matrices below each other; `unit` is then repeated for each of them.
     """
     turn, free = undamped(A, Z, unit)
     return Z @ turn, free
 
 
 def undamped(A: Matrix, Z: Array, unit: Array) -> tuple[Array, Array]:
-    """The rotation (r, r) of `unresisted`, and the indices of the motions with Az = 0."""
+    """The rotation (r, r) of `unresisted`, and the indices of the motions with A z = 0."""
     turn = np.linalg.svd(unit[:, None] * (A @ Z), full_matrices=False)[2].T
-    size = sizes(Z, unit[:len(Z)], 1.0).sum(axis=1)  # of all: one at rest at the dashpot has no scale
+    size = sizes(Z, unit[:len(Z)], 1.0).sum(axis=1)  # of all motions: one at rest at the dashpot has no scale
     scale = np.linalg.norm(unit * (abs(A) @ size))
     return turn, np.flatnonzero(np.linalg.norm(unit[:, None] * (A @ (Z @ turn)), axis=0) <= ROUNDING * scale)
 
 
 def without(A: Array, Z: Array, unit: Array) -> Array:
-    """PᵀAP (n, n) with PZ = 0: A Z is rounding and becomes 0. P is orthogonal in the given units of the coordinates.
+    """PᵀAP (n, n) with P Z = 0, so that A Z, which is rounding, becomes 0. P is an orthogonal projection in units of `unit`.
 
-    Of an A that is not symmetric, only its product with Z is removed.
+    If A is not symmetric, the result is A P: only the product with Z is removed.
     """
     if not Z.shape[1]:
         return A
@@ -169,7 +172,7 @@ def without(A: Array, Z: Array, unit: Array) -> Array:
     force = A @ Z
     if not force.any():
         return A
-    # ZᵀG = I; motions may depend on each other where only some of the coordinates are looked at
+    # ZᵀG = I; a pseudo-inverse, as motions may be dependent if only some of the coordinates are considered
     G = np.linalg.pinv(scaled, rcond=DEPENDENT).T / unit[:, None]
     if not is_symmetric(A):
         return A - force @ G.T

@@ -1,4 +1,4 @@
-"""The graph of a sparse matrix: its nodes, and layers of them from one end of a component to the other."""
+"""The graph of a sparse matrix: its nodes, their layers from end to end, and the order in which to eliminate them."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def leaves_first(A: Matrix) -> Array | None:
     pieces, label = sp.csgraph.connected_components(A, directed=False)
     if pieces != n - edges:  # there is a cycle
         return None
-    # from the roots on, which are the neighbours of one more node
+    # breadth first from the roots of all trees: an additional node has them as neighbours
     roots = sp.csr_array((np.ones(pieces), (np.unique(label, return_index=True)[1], np.zeros(pieces, dtype=int))), shape=(n, 1))
     whole = sp.block_array([[A, roots], [roots.T, None]], format="csr")
     return sp.csgraph.breadth_first_order(whole, n, return_predecessors=False)[:0:-1]
@@ -83,7 +83,7 @@ def slender(A: Matrix, band: int = 24) -> bool:
 
 
 def smooth_shape(A: Matrix) -> Array:
-    """cos(πl/L) on one DOF of each node in layer l of L + 1 from end to end: a smooth shape with low energy."""
+    """cos(πl/L) at the first DOF of each node in layer l = 0, …, L from end to end, (n,): a smooth shape with low energy."""
     graph, weight = quotient(sp.csr_array(A))
     inside = np.ones(len(weight), dtype=bool)
     found = layers(graph, inside, np.array([0]))

@@ -26,7 +26,7 @@ def partition(graph: Matrix, count: int) -> Array:
 
 
 def bisected(graph: Matrix, count: int) -> Array:
-    """Parts by halving again and again, from end to end (Cuthill and McKee); needs no library."""
+    """The part of each node, (n,), by repeated bisection from end to end (Cuthill and McKee); needs no library."""
     part = np.zeros(graph.shape[0], dtype=np.intp)
     waiting = [(np.arange(graph.shape[0]), 0, count)]
     while waiting:
@@ -42,9 +42,10 @@ def bisected(graph: Matrix, count: int) -> Array:
 
 
 def in_one_piece(graph: Matrix, part: Array) -> Array:
-    """The parts, with each piece but a part's largest given to the neighbour it has most edges with.
+    """The part of each node, (n,), after each part has kept only its largest piece: other pieces join a neighbouring part.
 
-    A piece may join another that moves in its turn. So this is repeated as long as fewer pieces are loose than before.
+    A piece joins the part with which it has most edges. It may join another piece that is moved as well. So this is repeated as
+    long as the number of loose pieces falls.
     """
     edges = sp.coo_array(graph)
     part, fewest = part.copy(), len(part) + 1
@@ -68,6 +69,6 @@ def in_one_piece(graph: Matrix, part: Array) -> Array:
 
 
 def runs(A: Matrix) -> Array:
-    """The number of the run of equal patterns that each row of A (n, n) is in, (n,): the DOF of a mesh node are one run."""
+    """The number of each row's run, (n,), in A (n, n): successive rows of one pattern, as those of a mesh node, are a run."""
     _, sizes = quotient(sp.csr_array(A))
     return np.repeat(np.arange(len(sizes)), sizes.astype(int))

@@ -51,13 +51,13 @@ from femsub.checks import (
 Kind = Literal["definite", "symmetric", "general"]
 CHOLMOD = True  # use it if PETSc has it; tests set False
 MUMPS_ORDERS = {"amd": 0, "amf": 2}  # ICNTL(7); by options, as PETSc overrules a setMumpsIcntl(7)
-SINGULAR = (-6, -10)  # errors of MUMPS that are the matrix'; others are the machine's
-ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate; the second if need be
+SINGULAR = (-6, -10)  # errors of MUMPS that the matrix causes; others come from the machine
+ROOM = (10, 200)  # for delayed pivots of indefinite matrices, in per cent of MUMPS' estimate: first and second attempt
 WHEEL = "dolfinx_solver"  # to be imported before the petsc4py of the same folder
 
 
 def installation() -> str:
-    """What installs PETSc and SLEPc for this interpreter."""
+    """How to install PETSc and SLEPc for this interpreter, as the end of a message."""
     command = installed_by("dolfinx-solver-real")
     return f"Set it up anew: {command}" if set_up_by() else (
         "In a clone of femsub: scripts/setup, which takes Debian's packages, a wheel or the sources (docs/install.md). With "
@@ -76,10 +76,10 @@ def load() -> tuple[Any, Any]:
     set_unless_given({
         # Debian's PETSc is linked to OpenMPI, which would start a helper process for each Python process.
         "OMPI_MCA_ess_singleton_isolated": "1",
-        # All such processes share one folder in /tmp, and the first to end takes it from those that start: MPI_Init aborts.
+        # All such processes share one folder in /tmp. The first process to end removes it, and MPI_Init aborts in new ones.
         "OMPI_MCA_orte_create_session_dirs": "0",
-        "SCOTCH_PTHREAD_NUMBER": "1"})  # more threads give other parts at each call
-    # PETSc would answer a closed pipe or Ctrl-C with a page of its own and MPI_ABORT, and list at exit what went unused.
+        "SCOTCH_PTHREAD_NUMBER": "1"})  # with more threads each call gives other parts
+    # By default PETSc answers a closed pipe or Ctrl-C with a page of text and MPI_ABORT, and lists unused options at exit.
     options_of_petsc = ["femsub", "-no_signal_handler", "-options_left", "no"]
     try:
         load_wheel()
@@ -91,7 +91,7 @@ def load() -> tuple[Any, Any]:
         slepc4py.init(options_of_petsc)
         from petsc4py import PETSc
         from slepc4py import SLEPc
-    except (AttributeError, ImportError, ValueError) as error:  # the others by a petsc4py that was compiled for another NumPy
+    except (AttributeError, ImportError, ValueError) as error:  # AttributeError, ValueError: compiled for another NumPy
         if "numpy" in str(error):
             raise MissingPackageError(
                 f"petsc4py was compiled for an earlier NumPy than {np.__version__} ({error}). Install that: "
@@ -99,12 +99,12 @@ def load() -> tuple[Any, Any]:
         raise MissingPackageError(f"slepc4py (with petsc4py) cannot be imported by this Python ({error}). "
                                   f"{installation()}") from error
     give_back_freed_memory()
-    atexit.register(drop)  # before PETSc goes
+    atexit.register(drop)  # before PETSc is finalised
     if np.dtype(PETSc.ScalarType).kind == "c":
         raise MissingPackageError("this PETSc has complex scalars; femsub needs a build with real ones (twice as fast)")
     options = PETSc.Options()
     options.setValue("mat_cholmod_print", 0)
-    # Without these two CHOLMOD takes an indefinite matrix for granted (LDLᵀ with negative pivots) and says nothing.
+    # Without these two options CHOLMOD accepts an indefinite matrix (LDLᵀ with negative pivots) without an error.
     options.setValue("mat_cholmod_final_asis", 0)
     options.setValue("mat_cholmod_final_ll", 1)
     for name, number in MUMPS_ORDERS.items():
@@ -113,14 +113,14 @@ def load() -> tuple[Any, Any]:
 
 
 def versions() -> dict[str, str]:
-    """The versions of PETSc and SLEPc at work, and what makes their Cholesky factors."""
+    """The versions of PETSc and SLEPc, and the package that makes their Cholesky factors."""
     PETSc, SLEPc = load()
     found = {name: ".".join(map(str, module.Sys.getVersion())) for name, module in (("PETSc", PETSc), ("SLEPc", SLEPc))}
     return found | {"Cholesky": "CHOLMOD" if has_cholmod() else "MUMPS"}
 
 
 def has(name: str) -> bool:
-    """Whether PETSc was built with a package, by PETSc's own name of it."""
+    """Whether PETSc was built with the package that PETSc calls `name`."""
     return bool(load()[0].Sys.hasExternalPackage(name))
 
 
@@ -158,7 +158,7 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
     scotch = functions_of(PETSc.__file__, {"SCOTCH_randomReset": 0})
     if scotch is None:
         return None
-    scotch[0]()  # it would go on with the random numbers of the call before
+    scotch[0]()  # otherwise it continues the random numbers of the last call
     with ExitStack() as stack:
         adjacency = _until(stack, _matrix(sp.csr_array(graph, dtype=float)).convert("mpiadj"))
         partitioning = _until(stack, PETSc.MatPartitioning().create(comm=PETSc.COMM_SELF))
@@ -173,15 +173,15 @@ def scotch_parts(graph: Matrix, count: int) -> Array | None:
 
 
 def _matrix(A: Matrix | Difference, kind: Kind = "general", shared: bool = False) -> Any:
-    """A as PETSc has it; for a symmetric factor the upper triangle alone.
+    """A as a PETSc matrix; for a symmetric factor its upper triangle alone.
 
-    `shared`: on the arrays of A itself, whole, for MUMPS, which copies the triangle that it needs.
+    `shared`: the whole matrix, on the arrays of A itself. It is for MUMPS, which copies the triangle that it needs.
     """
     (PETSc, _), given = load(), Difference.of(A)
     shared = shared and not given.sigma
     whole = shared or kind == "general"
     A = sp.csr_array(given.formed()) if whole else given.upper()
-    if shared and not A.has_sorted_indices:  # PETSc looks for the triangle behind the diagonal
+    if shared and not A.has_sorted_indices:  # PETSc takes the entries behind the diagonal as triangle
         A = A.sorted_indices()
     index = PETSc.IntType
     if A.nnz > np.iinfo(index).max:
@@ -201,9 +201,11 @@ def _matrix(A: Matrix | Difference, kind: Kind = "general", shared: bool = False
 class SparseFactor:
     """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
 
-    One that would not fit into memory goes to a disk (`goes_to_disk`), which MUMPS reads at each solve: that takes twice as long.
-    With keep=False only the signs of the pivots are kept of L D Lᵀ, which takes a quarter of the memory; probed=False is for
-    those who need no more than these signs. Of K - σM whose σ is `awaited`, MUMPS finds the order of elimination meanwhile.
+    A factor that would not fit into memory goes to a disk (`goes_to_disk`). MUMPS reads it at each solve, which then takes twice
+    as long.
+    With keep=False only the signs of the pivots of L D Lᵀ are kept, which takes a quarter of the memory. probed=False leaves out
+    the test with a random right-hand side, for callers that need only these signs. `awaited` waits for the σ of K - σM; before
+    that, MUMPS finds the order of elimination.
 
     Raises
     ------
@@ -211,8 +213,8 @@ class SparseFactor:
         The factorisation broke down, or the probe shows that A is singular to working precision.
     """
 
-    made = 0  #: how many have been made in this process; tests count with it
-    packages: ClassVar[set[str]] = set()  #: by which packages
+    made = 0  #: number of factorisations in this process; tests count with it
+    packages: ClassVar[set[str]] = set()  #: packages that made them
 
     def __init__(self, A: Matrix | Difference, kind: Kind, keep: bool = True, probed: bool = True,
                  awaited: Callable[[], float] | None = None) -> None:
@@ -223,7 +225,7 @@ class SparseFactor:
         self.package = "mumps" if self.on_disk else package(kind, A.K)
         self._order = good_order(A.K) if self.package == "mumps" else None
         self._held = ExitStack()
-        self._lock = RLock()  # threads share a factor, and while it is turned over it must not serve another
+        self._lock = RLock()  # threads share a factor: while it solves with Aᵀ, others must wait
         self._finalizer = weakref.finalize(self, self._held.close)
         scaling = equilibrated(A.formed()) if probed and self.package == "mumps" else None
         SparseFactor.made += 1
@@ -231,7 +233,7 @@ class SparseFactor:
                       shared=self.package == "mumps" and awaited is None)
         try:
             mat = self._set_up(mat, ROOM[0], None if awaited is None else lambda: _matrix(A.at(awaited()), kind))
-            if self._infog(1) in (-8, -9):  # delayed pivots took more than that
+            if self._infog(1) in (-8, -9):  # delayed pivots need more room
                 self._held.close()
                 self._set_up(mat, ROOM[1])
         except PETSc.Error as error:
@@ -290,9 +292,9 @@ class SparseFactor:
         return mat
 
     def _in_two_steps(self, pattern: Any, values: Callable[[], Any]) -> Any:
-        """The order of elimination of the pattern, and then the factor of `values()`, which is returned.
+        """Finds the order of elimination of the pattern, then factorises the matrix that `values()` returns; returns that matrix.
 
-        Where that has fewer nonzeros, the order is not for it.
+        If the matrix has fewer nonzeros than the pattern, the order does not fit it, and the factorisation begins anew.
         """
         PETSc, F = load()[0], self._factor.handle
         info = np.zeros(64)  # PETSc's MatFactorInfo has 11 numbers, of which MUMPS reads none
@@ -311,8 +313,10 @@ class SparseFactor:
         return mat
 
     def again(self, A: Matrix) -> bool:
-        """Become the factor of another definite matrix with the same pattern, in the same order of elimination, which is a third
-        of the work; False, and nothing is done, where CHOLMOD did not make this one or PETSc hides its steps.
+        """Become the factor of another definite matrix with the same pattern; whether that was possible.
+
+        The order of elimination, a third of the work or more, is kept. Nothing is done if CHOLMOD did not make this factor, or if
+        PETSc hides the steps of its factorisation.
 
         Raises
         ------
@@ -338,7 +342,7 @@ class SparseFactor:
         return int(self._factor.getMumpsInfog(number)) if self.package == "mumps" else 0
 
     def _check_disk(self) -> None:
-        """A disk that is full is no property of the matrix."""
+        """Raises an error that names the disk, not the matrix, if MUMPS could not write or read the factor."""
         if self.on_disk and (code := self._infog(1)) < 0 and code not in SINGULAR:
             self.close()
             raise NotEnoughMemoryError(f"the factor of {self.size} DOF does not fit into memory, and MUMPS could not keep it in "
@@ -380,7 +384,7 @@ class SparseFactor:
 
     @property
     def bytes(self) -> float:
-        """About how much memory it takes."""
+        """The estimated memory of the factor, in bytes."""
         return FACTOR_BYTES * self._nonzeros * (BUFFERED if self.on_disk else 1.0)
 
     @property
@@ -389,7 +393,7 @@ class SparseFactor:
 
     @property
     def transposed(self) -> SparseFactor | Transposed:
-        """The factor of Aᵀ, which is this one with L and U in other places."""
+        """The factor of Aᵀ: this one, with L and U exchanged."""
         return Transposed(self) if self.kind == "general" else self
 
     def solve(self, B: Array, transposed: bool = False) -> Array:
@@ -426,7 +430,7 @@ class SparseFactor:
         _lend(self._ksp, st, stack)
 
     def close(self) -> None:
-        """Gives the memory back; the handle is of no use afterwards."""
+        """Frees the memory; the factor cannot solve afterwards."""
         self._finalizer()
 
 
@@ -450,16 +454,16 @@ class Transposed:
         _lend(ksp, st, stack)
 
     def apply(self, _: Any, x: Any, y: Any) -> None:
-        """What PETSc calls for y = A⁻ᵀx."""
+        """y = A⁻ᵀx; PETSc calls it."""
         with self.transposed._lock:
             self.transposed._factor.solveTranspose(x, y)
 
 
 @cache
 def _two_steps() -> list[Callable[..., int]] | None:
-    """PETSc's functions for the two steps of a factorisation, which petsc4py does not call.
+    """PETSc's functions for the two steps of a factorisation, symbolic and numeric, which petsc4py does not call.
 
-    Where they are hidden, nothing is done before the second step.
+    None where the library hides them: then both steps wait for the values of the matrix.
     """
     return functions_of(load()[0].__file__, {"MatCholeskyFactorSymbolic": 4, "MatCholeskyFactorNumeric": 3})
 
@@ -478,13 +482,13 @@ def _last_line(error: BaseException) -> str:
 
 
 def _until(stack: ExitStack, thing: Any) -> Any:
-    """The same, to be destroyed with the stack."""
+    """The same object, which the stack destroys when it closes."""
     stack.callback(thing.destroy)
     return thing
 
 
 def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int:
-    """How many have converged, which must be `count` at least."""
+    """Runs a solver and returns the number of converged eigenpairs, at least `count`."""
     PETSc, _ = load()
     try:
         solver.solve()
@@ -498,7 +502,7 @@ def _solve(solver: Any, count: int, tol: float, wanted: str, advice: str) -> int
 
 
 def _vectors(stack: ExitStack, like: Any, columns: Array) -> list[Any]:
-    """The columns of an array as PETSc has them."""
+    """The columns of an array as vectors of PETSc."""
     vectors = [_until(stack, like.createVecRight()) for _ in columns.T]
     for vector, column in zip(vectors, columns.T, strict=True):
         vector.setArray(column)
@@ -506,15 +510,15 @@ def _vectors(stack: ExitStack, like: Any, columns: Array) -> list[Any]:
 
 
 def _start(size: int, seed: int) -> Array:
-    """A seeded start (n, 1), so that a run can be repeated to the last digit."""
+    """A seeded start vector (n, 1), so that a run can be repeated to the last digit."""
     return np.random.default_rng(seed).standard_normal((size, 1))
 
 
 def symmetric_modes(factor: SparseFactor, K: Matrix, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1,
                     known: Array | None = None, most: int = 1000) -> tuple[Array, Array]:
-    """(K - λM)φ = 0 nearest to σ by Krylov-Schur on (K - σM)⁻¹M with the factor given: λ (k,), Φ (n, k), k >= count.
+    """(K - λM)φ = 0: the λ (k,) nearest to σ and their Φ (n, k), k ≥ count, by Krylov-Schur on (K - σM)⁻¹M.
 
-    `known` (n, m), M-orthonormal, is kept out of the search. Φ is M-normalised.
+    `factor` is that of K - σM. The M-orthonormal shapes `known` (n, m) are kept out of the search. Φ is M-normalised.
     """
     PETSc, SLEPc = load()
     known = np.zeros((factor.size, 0)) if known is None else known
@@ -542,10 +546,10 @@ def symmetric_modes(factor: SparseFactor, K: Matrix, M: Matrix, sigma: float, co
 
 
 def _purified(factor: SparseFactor, M: Matrix, shapes: Array, known: Array) -> Array:
-    """x ← (K - σM)⁻¹Mx, M-normalised: takes out what lies in the null space of M, where Krylov vectors are arbitrary.
+    """x ← (K - σM)⁻¹Mx, M-normalised: removes components in the null space of M, where Krylov vectors are arbitrary.
 
-    It also blows up what is left of the `known` shapes, by 1/|σ|: with rigid-body modes and σ = -1e-7, 1e-9 of them in
-    the Krylov vectors would come out as 1e-2 of each mode. So they are projected out before and after.
+    The step also amplifies remainders of the `known` shapes by 1/|σ|. With rigid-body modes and σ = -1e-7, a share of 1e-9 in the
+    Krylov vectors would become 1e-2 of each mode. So these shapes are projected out before and after.
     """
     def deflated(x: Array) -> Array:
         return x - known @ (known.T @ (M @ x)) if known.shape[1] else x
@@ -556,11 +560,11 @@ def _purified(factor: SparseFactor, M: Matrix, shapes: Array, known: Array) -> A
 
 def quadratic_modes(factor: SparseFactor | Transposed, matrices: Sequence[Matrix], shift: float, count: int, *, tol: float,
                     scale: float, seed: int = 1, most: int = 1000) -> tuple[Array, Array]:
-    """(λ²M + λD + K)x = 0 nearest to a real shift by TOAR with the factor of P(shift): λ (k,), X (n, k) complex.
+    """(λ²M + λD + K)x = 0: the λ (k,) nearest to a real shift and their X (n, k), complex, by TOAR.
 
-    The matrices are (M, D, K). The eigenvalue is scaled, λ = scale · μ with `scale` of the size of the wanted ones:
-    with it the backward error at 10⁵ DOF is 1e-12, with SLEPc's own scaling 5e-11, and Re λ keeps its leading digits.
-    Of a conjugate pair only the member with Im λ > 0 is returned.
+    `factor` is that of P(shift), and the matrices are (M, D, K). The solver finds μ = λ/scale, with `scale` of the size of the
+    wanted eigenvalues. With it the backward error at 10⁵ DOF is 1e-12, with SLEPc's own scaling 5e-11, and Re λ keeps its leading
+    digits. Of a conjugate pair only the member with Im λ > 0 is returned.
     """
     PETSc, SLEPc = load()
     M, D, K = matrices

@@ -1,4 +1,4 @@
-"""Block Gram-Schmidt: orthonormalise columns against a basis and among themselves; a basis that grows where it is."""
+"""Block Gram-Schmidt: orthonormalise columns against a basis and among themselves; a basis that grows in place."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from femsub.checks import EPS, Array
 
 
 class Room:
-    """Memory for the columns of a basis and for more of them, which takes no pages until they are there.
+    """Memory for a basis and for columns to come, which takes no pages before they are written.
 
-    A copy of a large basis for each new block would take twice its memory for a while.
+    Without it, each new block would need a copy of the basis, and for a while twice its memory.
     """
 
     def __init__(self) -> None:
         self._array, self._used = np.zeros((0, 0)), 0
 
     def joined(self, V: Array, new: Array) -> tuple[Array, Room]:
-        """[V new], and the room in which it is: this one where V is the last that was made in it. V itself does not change."""
+        """[V new], and its room: this one if V is the last basis made in it and the new columns fit. V itself does not change."""
         m, both = V.shape[1], V.shape[1] + new.shape[1]
         room = self
         if m != self._used or both > self._array.shape[1]:
             room = Room()
             try:  # a basis grows about threefold, and each new room is a copy
                 room._array = np.empty((len(V), 4 * both), order="F")
-            except MemoryError:  # where a system promises no more than it has
+            except MemoryError:  # on a system that does not overcommit memory
                 room._array = np.empty((len(V), both), order="F")
             room._array[:, :m] = V
         room._array[:, m:both], room._used = new, both
@@ -50,8 +50,8 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
     V : ndarray, shape (n, m), optional
         VᵀAV = I; m may be 0.
     inside : float
-        Relative length below which a column's remainder outside V is rounding. By default it is well above that of V's own
-        deviation from VᵀAV = I, so that a column keeps seven digits at least.
+        Relative length below which a column's remainder outside V counts as rounding. The default is well above V's own deviation
+        from VᵀAV = I, so that a column keeps at least seven digits.
 
     References
     ----------
@@ -59,7 +59,7 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
     """
     x, image = columns, product(columns)
     for last in (False, True):
-        # the second pass begins with columns of unit length, but for those that are what rounding left of dependent ones
+        # the second pass begins with columns of unit length; shorter ones are the rounding that dependent columns left
         x, image, length = _longer(x, image, 0.5 if last else 0.0)
         if V is not None and V.shape[1]:
             share = (V.T @ image) / length
@@ -78,7 +78,7 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
         change = vectors[:, good] / np.sqrt(values[good]) / length[:, None]
         x = x @ change
         if last:
-            image = image @ change  # this change is small
+            image = image @ change  # the change is well conditioned: AQ loses no digits
             break
         image = product(x)
     return x, image

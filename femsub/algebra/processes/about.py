@@ -1,4 +1,4 @@
-"""What a run ran on: the machine, and the commit of the code."""
+"""The machine that a run used, and the commit of its code."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from femsub.algebra.processes.system import processors
 
 
 def machine() -> dict[str, Any]:
-    """What the seconds were measured on."""
+    """The machine on which times were measured: processor, number of cores, system."""
     model = platform.processor() or platform.machine()
     try:
         with open("/proc/cpuinfo", encoding="utf-8") as file:

@@ -1,7 +1,7 @@
 """Work beside this process, on the second core: by a fork, which has this process' factors in memory, or by a new interpreter.
 
-A fork starts at once, and finds columns with a factor that is there. CHOLMOD has hung in a fork while it made a factor, so what
-needs one of its own is done by a new interpreter. Threads would not do: PETSc is not safe in them.
+A fork starts at once, and solves with a factor that exists. Work that needs a new factor is done by a new interpreter: CHOLMOD
+has hung in a fork while it made a factor. Threads would not do: PETSc is not thread-safe.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from femsub.checks import Array, temporary
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
-_forks: ContextVar[tuple[Divided, ...]] = ContextVar("femsub_forks", default=())  # those that work beside this thread
+_forks: ContextVar[tuple[Divided, ...]] = ContextVar("femsub_forks", default=())  # the forks that work beside this thread
 
 
 def divided(solve: Callable[[slice], None], columns: int, forked: bool, meanwhile: Callable[[], T] | None = None,
@@ -45,8 +45,8 @@ def divided(solve: Callable[[slice], None], columns: int, forked: bool, meanwhil
     """Call `solve(part)` for slices that make up all columns, and return what `meanwhile()` returns.
 
     A fork takes blocks from the first on while `meanwhile` is called here. Then this process takes blocks from the last on, until
-    all are found. A block that the fork began and did not end is found again here: nothing depends on the fork but time. So
-    `solve` must write all of its columns, whatever is there, and add to none. The columns must lie in `shared_zeros`.
+    all are solved. A block that the fork began and did not finish is solved again here, so that only time depends on the fork. So
+    `solve` must overwrite all of its columns, and add to none. The columns must lie in `shared_zeros`.
 
     Parameters
     ----------
@@ -77,15 +77,15 @@ def give_back_cores() -> None:
 
 
 def columns_left() -> int:
-    """Columns that forks beside this thread, and then this process, have yet to find: memory that is not taken yet."""
+    """Columns that forks beside this thread, and then this process, have yet to solve: their memory is not taken yet."""
     return sum(work.left for work in _forks.get())
 
 
 def is_fork_safe() -> bool:
     """Whether this process may be forked, and has a core for it.
 
-    A fork has no thread but that which called it. Networks of clusters write into the memory of processes of MPI, which a fork
-    would upset.
+    A fork has only the thread that made it. Networks of clusters write into the memory of MPI processes; a fork would upset
+    this.
     """
     return sys.platform == "linux" and current_thread() is main_thread() and "mpi4py.MPI" not in sys.modules and cores() > 1
 
@@ -113,7 +113,7 @@ class Divided:
         self._one_core.enter_context(one_thread(True))  # before the fork, which has no threads of BLAS
         held = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))  # Ctrl-C is for this process alone
         try:
-            with warnings.catch_warnings(), suppress(OSError):  # no room for a fork
+            with warnings.catch_warnings(), suppress(OSError):  # OSError: no room for a fork
                 warnings.simplefilter("ignore", DeprecationWarning)  # Python warns of threads, and those of BLAS end in a fork
                 self._fork = os.fork()
                 if not self._fork:
@@ -122,9 +122,9 @@ class Divided:
             signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
     def _work_to_the_end(self) -> None:
-        """What the fork does: all blocks that nobody has begun. It never returns."""
+        """Runs in the fork: solves all blocks that nobody has begun, and never returns."""
         try:
-            gc.disable()  # what the fork finds unused, its parent may still use: files, other processes
+            gc.disable()  # the parent may still use what the fork would collect: files, other processes
             libc().prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG of Linux: it dies with its parent
             for at in range(len(self._parts)):
                 if self._begun[at]:
@@ -146,7 +146,7 @@ class Divided:
     def busy(self) -> bool:
         """Whether the fork still works. If it does not, BLAS has all cores again."""
         if self._fork:
-            with suppress(ChildProcessError):  # it has ended, and somebody else has heard of it
+            with suppress(ChildProcessError):  # it has ended, and other code has waited for it before
                 if os.waitpid(self._fork, os.WNOHANG) == (0, 0):
                     return True
         self._fork = 0
@@ -154,7 +154,7 @@ class Divided:
         return False
 
     def finish(self) -> None:
-        """Find all columns that are not there. A fork is given up that takes twice as long as all has taken so far."""
+        """Solve all columns that are left. The fork is given up if it needs more than as long again, and `PATIENCE` on top."""
         for at in reversed(range(len(self._parts))):
             if self._begun[at]:
                 break
@@ -180,7 +180,7 @@ class Divided:
 class Process:
     """`call(*things, awaited)` by a new interpreter, whose BLAS has one thread. It ends with this object and with this process.
 
-    `awaited()` waits there for the number that `ask` sends. The result must be what JSON has: numbers, booleans, lists.
+    `awaited()` waits there for the number that `ask` sends. The result must consist of JSON's types: numbers, booleans, lists.
 
     Raises
     ------
@@ -188,7 +188,7 @@ class Process:
         It cannot be started.
     """
 
-    value: float | None = None  #: the number that it has been asked for
+    value: float | None = None  #: the number that `ask` has sent
 
     def __init__(self, call: Callable[..., Any], things: tuple[Any, ...]) -> None:
         with ExitStack() as stack:
@@ -205,7 +205,7 @@ class Process:
 
     @staticmethod
     def has_room(need: float) -> bool:
-        """Whether there are a core, and so many bytes, for a process beside this one."""
+        """Whether a core and `need` bytes of memory are free for a process beside this one."""
         if cores() == 1 or not Path(sys.executable or "").name.startswith("python"):
             return False
         return (free := available()) is not None and free >= need
@@ -221,9 +221,9 @@ class Process:
         return self.value is not None and self._process.poll() is None
 
     def answer(self) -> Any:
-        """The result, for which this waits while the process gets all cores; it ends. None if there is none, or if it is stopped.
+        """Waits for the result while the process gets all cores, and ends the process. None if it has no result or is stopped.
 
-        Only the first call returns it.
+        Only the first call returns the result.
         """
         asked, self.value = self.value is not None, None
         with self._held:
@@ -255,9 +255,9 @@ class Process:
 
 
 def serve() -> None:
-    """What the interpreter of a `Process` does: it calls, and prints the result.
+    """Runs in the interpreter of a `Process`: calls the function, and prints its result.
 
-    It reads the number that is awaited, and then numbers of cores, which its BLAS takes at once, also while PETSc factorises.
+    It reads the number that is awaited, then numbers of cores. Its BLAS takes these cores at once, also while PETSc factorises.
     """
     def received() -> Iterator[str]:
         while more := os.read(sys.stdin.fileno(), 100):  # a thread that waits for sys.stdin would not let the process end

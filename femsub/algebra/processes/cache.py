@@ -26,14 +26,14 @@ VARIABLE = "FEMSUB_FACTOR_BYTES"  # environment variable: upper limit of the cac
 _lock = held_during_forks(RLock())  # reentrant: the garbage collector may run inside and take it again
 _kept: dict[Key, tuple[Any, int]] = {}  # cached objects and their bytes; what was used last comes last
 _owners: dict[int, weakref.ref[Any]] = {}
-_keys: dict[int, set[Key]] = {}  # under which objects of an owner are kept, or were
-_unseen = 0  # bytes kept since the memory was last looked at
+_keys: dict[int, set[Key]] = {}  # the keys of an owner's objects that are or were cached
+_unseen = 0  # bytes cached since the available memory was last read
 
 
 def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], size: Callable[[T], float] = lambda _: 0.0) -> T:
     """The cached object of these matrices, made by `make` at the first call; `size` returns its bytes.
 
-    It must not refer to the owners, or they would never be freed.
+    The object must not refer to the owners, or they would never be freed.
     """
     key = tuple(map(id, owners)), what
     with _lock:
@@ -63,7 +63,7 @@ def shared(owners: tuple[Matrix, ...], what: Hashable, make: Callable[[], T], si
                 _owners[id(owner)] = weakref.ref(owner, partial(_gone, id(owner)))
             _keys.setdefault(id(owner), set()).add(key)
         _unseen += need
-        # beside many models a look at the memory for each small object takes longer than the object: one for each percent will do
+        # to read the available memory takes longer than to make a small object: once for each percent of cached bytes will do
         if need and (limit is not None or _unseen >= 0.01 * kept_bytes()):
             _unseen = 0
             give_up_until(within)
@@ -85,8 +85,8 @@ def at_hand(need: float) -> float | None:
 
 
 def are_free(need: float) -> bool:
-    """Whether so many bytes are available, as far as is known."""
-    # a look at the available memory takes 0.1 ms, as long as a small model, which a megabyte is
+    """Whether `need` bytes are available; True if that is unknown."""
+    # to read the available memory takes 0.1 ms, as long as work on a model of a megabyte
     return need < 1e6 or (free := available()) is None or free >= need
 
 
@@ -118,7 +118,7 @@ def _gone(at: int, _: object = None) -> None:
         _owners.pop(at, None)
         for key in _keys.pop(at, ()):
             _kept.pop(key, None)
-            for other in key[0]:  # what is kept no more is no burden on a matrix that lives on
+            for other in key[0]:  # matrices that live on must not collect keys of dropped objects
                 _keys.get(other, set()).discard(key)
 
 

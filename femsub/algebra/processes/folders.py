@@ -1,4 +1,4 @@
-"""Folders for the files of one run, which are gone after it; what a killed run left there goes with the next one."""
+"""Folders for the files of one run, which are removed at its end; the next run removes the folders of killed runs."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ ALIVE = "alive"  # a file that is locked as long as a run lives
 def task_folder(place: Path) -> Iterator[str]:
     """A folder for the files of one run, in memory or in the temporary folder.
 
-    Nobody tidies up if all processes are killed at once. So the run locks a file there as long as it lives, and removes the
-    user's own folders whose file is not locked any more.
+    If all processes of a run are killed at once, its folder stays. So a run locks a file in its folder as long as it lives. At
+    its start it removes the user's own folders whose file is no longer locked.
     """
     for left in place.glob(f"femsub-*/{ALIVE}"):
         with suppress(OSError):
@@ -44,7 +44,7 @@ def task_folder(place: Path) -> Iterator[str]:
 
 @contextmanager
 def only_one(folder: Path) -> Iterator[None]:
-    """Hold a folder, in which one run at a time may write; an InputError if another one does, or if none may."""
+    """Hold a folder in which one run at a time may write; an InputError if another run does, or if it cannot be written."""
     with ExitStack() as stack:
         try:
             file = stack.enter_context((folder / ALIVE).open("ab"))
@@ -59,7 +59,7 @@ def only_one(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def opened(folder: Path, linked: bool = True) -> Iterator[int]:
-    """The number of an open folder, by which it can be locked; `linked`: also that of one that a link leads to.
+    """The file descriptor of an open folder, by which it can be locked; `linked`: the folder may be a link to another.
 
     Raises
     ------
@@ -74,15 +74,15 @@ def opened(folder: Path, linked: bool = True) -> Iterator[int]:
 
 
 def identity(handle: int) -> tuple[int, int]:
-    """Device and number of an open folder, the same by whatever name it was opened."""
+    """Device and inode of an open folder, which do not depend on the name by which it was opened."""
     found = os.fstat(handle)
     return found.st_dev, found.st_ino
 
 
 def lock(handle: int) -> bool:
-    """Lock an open file or folder until it is closed, as the system does when this process ends. False: its disk has no locks.
+    """Lock an open file or folder until it is closed, at the latest when this process ends. False: its disk has no locks.
 
-    Other machines do not see it.
+    Other machines do not see the lock.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def lock(handle: int) -> bool:
 
 
 def has_room(sent: int) -> bool:
-    """Whether the folder in memory will do for so many bytes and results of ten times the size; a TMPDIR overrules it."""
+    """Whether the folder in memory has ten times `sent` bytes free, for tasks and their results; never if TMPDIR is set."""
     return not os.environ.get("TMPDIR") and is_writable(MEMORY) and shutil.disk_usage(MEMORY).free > 10 * sent
 
 
@@ -114,5 +114,5 @@ def in_memory(place: Path) -> bool:
         mounts = [line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8").splitlines()]
         above = [(len(where), number, kind) for number, (_, where, kind, *_) in enumerate(mounts)
                  if place.resolve().is_relative_to(where)]
-        return max(above, default=(0, 0, ""))[2] in ("tmpfs", "ramfs")  # of two on one folder the last one is seen
+        return max(above, default=(0, 0, ""))[2] in ("tmpfs", "ramfs")  # of two mounts on one folder the last hides the first
     return False

@@ -11,7 +11,8 @@ from femsub.algebra.processes.limits import LARGE
 from femsub.algebra.processes.system import libc
 
 OPTIONS = -3, -1, -4  # of mallopt: M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, M_MMAP_MAX
-GIVEN_BACK, KEPT_INSIDE = (1 << 25, 1 << 26, 1 << 16), (1 << 30, (1 << 31) - 1, 1 << 16)  # larger blocks go back to the system
+#: their values outside of `reused_memory`, and inside: freed blocks larger than the first number go back to the system
+GIVEN_BACK, KEPT_INSIDE = (1 << 25, 1 << 26, 1 << 16), (1 << 30, (1 << 31) - 1, 1 << 16)
 
 
 def give_back_freed_memory() -> None:
@@ -25,17 +26,17 @@ def give_back_freed_memory() -> None:
 
 
 class _Reuse:
-    """How many calls keep freed memory now."""
+    """The number of calls that keep freed memory now."""
 
     depth, lock = 0, RLock()
 
 
 @contextmanager
 def reused_memory(size: int) -> Iterator[None]:
-    """Work on a model of `size` DOF, whose freed arrays malloc keeps for the next ones; at the end the system gets all back.
+    """Inside, malloc keeps freed arrays of a model of `size` DOF for the next arrays; at the end the system gets all back.
 
-    Blocks of a large model would else come from the system each time. It clears their pages, which took a sixth of the time of
-    200 modes of 288,000 DOF. Small models gain nothing.
+    Otherwise each block of a large model comes from the system anew. The system clears its pages, which took a sixth of the time
+    of 200 modes of 288,000 DOF. Small models gain nothing.
     """
     if size < LARGE:
         yield
@@ -84,7 +85,7 @@ def left_of_groups(mounted: Path = Path("/sys/fs/cgroup"), own: Path = Path("/pr
     """Bytes left of the limits of the control groups that this process is in: of containers, of a user's session, of a job.
 
     Each group in the path counts, up to the root, in both versions of the interface. Pages of files that have not been used for
-    long are given back by the kernel before the limit matters.
+    long count as free: the kernel gives them back before the limit matters.
     """
     groups = [mounted, mounted / "memory"]
     with suppress(OSError, ValueError):

@@ -1,7 +1,7 @@
 """Tasks side by side in several processes, on matrices that each process maps from a file instead of getting a copy.
 
-A task is a folder: its pickle, and its arrays apart, each in a file that a process maps into its memory. So is a result. An
-executor passes on the names of these folders alone. Hence any with the interface of `concurrent.futures` will do.
+A task is stored as a folder: a pickle, and each array in a file of its own, which a process maps into its memory. So is a result.
+An executor passes on only the names of these folders. Hence any executor with the interface of `concurrent.futures` will do.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 PROCESS = "process"  # a file in a task's folder: the number of the process that has it, and its machine
-# A shell with this script reads until the process that started it dies. It ends all processes of its own group but itself,
-# removes the folder $0, and kills what has outlived SIGTERM. A line that it reads is an order to kill at once.
+# A shell with this script reads until the process that started it dies. Then it ends all other processes of its group, removes
+# the folder $0, and kills the processes that outlived SIGTERM. A line that it reads is an order to kill at once.
 UNDERTAKER = 'trap "" TERM; read _ || { kill 0; sleep 1; }; rm -rf "$0"; kill -9 0'
 FORWARDED = FemsubWarning, RuntimeWarning
 _lock = RLock()  # PETSc is not safe in threads: a process does one task at a time, also if the executor gives it threads
@@ -63,7 +63,7 @@ def check_workers(workers: Any, executor: Any) -> None:
     Raises
     ------
     InputError, InputTypeError
-        Both are given, `workers` is no whole number from 1 on, or `executor` is none.
+        Both are given, `workers` is no whole number from 1 on, or `executor` is no executor.
     """
     if workers is not None:
         whole_number("workers", workers, least=1, most=1024)  # more is a typing error: no machine has so many cores
@@ -83,12 +83,13 @@ def check_workers(workers: Any, executor: Any) -> None:
 def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]], workers: int | None = None,
                  executor: Executor | None = None, *, what: str = "part", needs: Mapping[str, float] | None = None,
                  advice: str = "") -> dict[str, Any]:
-    """{name: call(*arguments)} of all tasks, in processes side by side; with one worker in this process.
+    """{name: call(*arguments)} of all tasks, in processes side by side; with one worker, in this process.
 
     Parameters
     ----------
     call : function
-        At the top level of a module, or a `functools.partial` of such a one with what all tasks share, which is stored once.
+        A function at the top level of a module, or a `functools.partial` of one with the arguments that all tasks share. They are
+        stored once.
     tasks : mapping of str to tuple
         The arguments by name, in the order in which they begin.
     workers : int, optional
@@ -100,7 +101,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
     needs : mapping of str to float, optional
         Bytes of memory that the tasks need. If they do not fit side by side, fewer processes are started.
     advice : str
-        How to go on with what is done, for the message of a `WorkerError`.
+        How to go on with the results that exist, for the message of a `WorkerError`.
 
     Raises
     ------
@@ -129,7 +130,7 @@ def side_by_side(call: Callable[..., Any], tasks: Mapping[str, tuple[Any, ...]],
 
 
 def fitting(needs: Mapping[str, float], count: int, what: str) -> int:
-    """So many workers that the largest tasks fit into memory side by side, `count` at most, and 1 at least."""
+    """The number of workers, 1 to `count`, with which the largest tasks fit into memory side by side."""
     sizes = sorted(needs.values(), reverse=True)
     sums = [sum(sizes[:several]) + several * BASE for several in range(1, count + 1)]
     free = at_hand(sums[-1])
@@ -150,7 +151,7 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
         """The processes of this machine that have a task now."""
         found = {}
         for name, _, path in running.values():
-            with suppress(OSError):  # it waits for a process
+            with suppress(OSError):  # the task waits for a process
                 number, machine = (path / PROCESS).read_text(encoding="utf-8").split()
                 if machine == os.uname().nodename:
                     found[int(number)] = f"the {what} {name!r}"
@@ -209,11 +210,11 @@ def _results(tasks: Mapping[str, tuple[Any, ...]], folder: Path, what: str, advi
 
 @contextmanager
 def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
-    """A function that starts worker processes, each as an executor of its own: where one dies, its task is known.
+    """A function that starts worker processes, each as an executor of its own: if one dies, its task is known.
 
-    'spawn', since a fork of a process with PETSc, MPI and threads is not safe. The workers join the process group of a shell. So
-    Ctrl-C reaches this process alone, and one signal ends them all. The shell sends it if the block ends by an error or Ctrl-C,
-    and if this process dies, also to a worker that is stuck in code that holds Python's lock.
+    They start by 'spawn', since a fork of a process with PETSc, MPI and threads is not safe. The workers join the process group
+    of a shell. So Ctrl-C reaches this process alone, and one signal ends all workers. The shell sends it if the block ends by an
+    error or Ctrl-C, or if this process dies. The signal also ends a worker that is stuck in code that holds Python's lock.
     """
     from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
     from multiprocessing import connection, get_context
@@ -262,7 +263,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
         left = {process.sentinel: process for pool in pools for process in [*(pool._processes or {}).values()]}
         for pool in pools:
             pool.shutdown(wait=False, cancel_futures=True)
-        while left:  # one that is stopped has no task, and would be waited for
+        while left:  # a stopped worker has no task, and would be waited for
             for ended in connection.wait([*left], LOOK):
                 del left[int(str(ended))]
             for process in left.values():
@@ -273,7 +274,7 @@ def _processes(folder: str) -> Iterator[Callable[[int], list[Executor]]]:
 
 
 def _run(path: str, name: str) -> None:
-    """One task, in a worker: the result, and the warnings to be repeated, are stored beside it."""
+    """Does one task, in a worker, and stores the result and the warnings to be repeated beside it."""
     with suppress(OSError):  # a full disk: then nobody sees that this process is stopped
         Path(path, PROCESS).write_text(f"{os.getpid()} {os.uname().nodename}", encoding="utf-8")
     with _lock:

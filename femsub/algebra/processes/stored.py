@@ -1,7 +1,7 @@
 """Objects in folders: a pickle, and each array in a file of its own, which a process maps into its memory.
 
-What a later call relies on is compared with hashes first. The pickle ends with its own. `files_of` lists size and hash of each
-file in a folder. The caller keeps that table elsewhere, and `load` compares the files with it before it reads.
+Files that a later call relies on are first checked by hashes. The pickle ends with its own hash. `files_of` lists size and hash
+of each file in a folder. The caller keeps that table elsewhere, and `load` compares the files with it before it reads.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class DamagedFileError(InputError):
 
 
 def bytes_of(thing: Any, name: str) -> int:
-    """What an object's arrays have, if pickle takes the rest."""
+    """The bytes of an object's arrays; an InputError if pickle refuses the object."""
     arrays: list[pickle.PickleBuffer] = []
     try:
         pickle.dumps(thing, protocol=5, buffer_callback=arrays.append)
@@ -40,7 +40,7 @@ def bytes_of(thing: Any, name: str) -> int:
 
 
 class _Stored(pickle.Pickler):
-    """A pickle in a folder, and beside it each array in a file of its own, named in it without the folder, which may be moved."""
+    """Writes a pickle, and each array to a file of its own beside it. The pickle names no folder, so that it may be moved."""
 
     def __init__(self, folder: Path, file: BinaryIO) -> None:
         super().__init__(file, protocol=5)
@@ -51,7 +51,7 @@ class _Stored(pickle.Pickler):
         if type(value) is not np.ndarray or value.dtype.hasobject or not value.nbytes:
             return None
         if id(value) not in self.known:
-            self.known[id(value)] = value, next(self.names)  # the array as well: a new one may not get its id
+            self.known[id(value)] = value, next(self.names)  # it keeps the array, so that no new one gets its id
             np.save(self.folder / self.known[id(value)][1], value)
         return self.known[id(value)][1]
 
@@ -63,7 +63,7 @@ class _Loaded(pickle.Unpickler):
         self.known: dict[str, Array] = {}
 
     def persistent_load(self, name: str) -> Array:
-        if name not in self.known:  # what was one array stays one
+        if name not in self.known:  # two references to one array stay so
             self.known[name] = mapped(self.folder / name)
         return self.known[name]
 
@@ -117,6 +117,6 @@ def load(folder: Path, files: Files = MappingProxyType({})) -> Any:
 
 
 def mapped(path: Path) -> Array:
-    """The array of a file as the file itself, mapped into memory: pages that are written to become copies."""
+    """The array of a file, mapped into memory: a page that is written to becomes a copy, and the file stays as it is."""
     with parsing():
         return np.load(path, "c").view(np.ndarray)

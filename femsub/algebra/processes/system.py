@@ -52,8 +52,9 @@ def own_processors() -> int:
 
 
 def functions_of(library: str, pointers: Mapping[str, int]) -> list[Callable[..., int]] | None:
-    """C functions of a shared library, or of those it is linked to: {name: number of arguments}. All arguments are addresses,
-    and the result is an int. None where the library hides one of them.
+    """C functions of a shared library or of libraries linked to it, by {name: number of arguments}; None if one is hidden.
+
+    All arguments are addresses, and the result is an int.
     """
     try:
         found = [getattr(ctypes.CDLL(library), name) for name in pointers]
@@ -71,7 +72,7 @@ def libc() -> Any:
 
 
 def held_during_forks(lock: Any) -> Any:
-    """The same lock. A fork of this process would wait for ever for a thread of its parent that holds it."""
+    """The same lock, held by this thread during a fork. If another thread held it, the fork would wait for it for ever."""
     if hasattr(os, "register_at_fork"):
         os.register_at_fork(before=lock.acquire, after_in_parent=lock.release, after_in_child=lock.release)
     return lock

@@ -26,7 +26,7 @@ BRINGING = ("numpy", "scipy.linalg", "scipy.sparse.linalg", "petsc4py.PETSc")  #
 
 
 class _Limited:
-    """How many calls hold BLAS to one thread now, and how many threads it had before the first; the same of OpenMP."""
+    """The number of calls that hold BLAS to one thread now, its number of threads before the first; the same for OpenMP."""
 
     depth, before, lock = 0, 1, held_during_forks(RLock())
     held: ClassVar[list[tuple[ThreadpoolController, list[int]]]] = []
@@ -38,8 +38,8 @@ class _Limited:
 def one_thread(small: bool) -> Iterator[None]:
     """Context manager: if the work is small, every loaded BLAS uses one thread inside, and as many as before afterwards.
 
-    Calls may overlap in any order: the last to end gives the threads back. Of a BLAS built on OpenMP each Python thread has its
-    own number, and only that of the first call is set.
+    Calls may overlap in any order: the last to end gives the threads back. In a BLAS built on OpenMP, each Python thread has its
+    own number of BLAS threads. Only the number of the Python thread with the first call is set.
     """
     with _Limited.lock:
         held = small and (_Limited.depth > 0 or threads() > 1)
@@ -66,7 +66,7 @@ def one_thread(small: bool) -> Iterator[None]:
 
 
 def _set(controller: ThreadpoolController, counts: list[int]) -> None:
-    """Give each BLAS its number of threads. threadpoolctl 3.8 lets one Python thread set them until that one gives this up."""
+    """Give each BLAS its number of threads. In threadpoolctl 3.8 one Python thread has control, until it gives control up."""
     kinds = {kind for library in controller.lib_controllers if hasattr(kind := type(library), "clear_controlling_thread")}
     for kind in kinds:
         kind.clear_controlling_thread(force=True)
@@ -80,11 +80,11 @@ def _set(controller: ThreadpoolController, counts: list[int]) -> None:
 def no_openmp() -> Iterator[None]:
     """Context manager: OpenMP loops inside have one thread, where BLAS has threads of its own. Calls may overlap.
 
-    CHOLMOD has four, or as many as there are cores, for small loops between two calls of BLAS. Both sets of threads spin while
-    they wait, and take the cores from each other: on two cores a factorisation takes a sixth to a third longer.
+    CHOLMOD uses four threads, or as many as there are cores, for small loops between two calls of BLAS. Both sets of threads spin
+    while they wait, and take the cores from each other. On two cores a factorisation takes a sixth to a third longer.
     """
     with _Limited.lock:
-        if not _Limited.loops:  # else the levels are those of a thread that is inside, where a library has one number for all
+        if not _Limited.loops:  # else a library with one number for all threads shows the 0 that another call has set
             _Limited.levels = [(library, library.omp_get_max_active_levels()) for library in _openmp(_loaded())]
         before = _Limited.levels
         _Limited.loops += 1
@@ -108,7 +108,7 @@ def _openmp(_key: int) -> list[Any]:
 
 
 def cores() -> int:
-    """How many cores this process may use: as many as its BLAS does where no `one_thread` holds it."""
+    """How many cores this process may use: the number of threads of its BLAS outside `one_thread`."""
     return min(_Limited.before if _Limited.depth else threads(), own_processors())
 
 
@@ -118,7 +118,7 @@ def libraries() -> ThreadpoolController:
 
 
 def _loaded() -> int:
-    """Changes when more of the modules that load a BLAS are imported: then libraries are searched again."""
+    """The number of imported modules that load a BLAS. When it changes, the libraries are searched again."""
     return sum(name in sys.modules for name in BRINGING)
 
 
@@ -133,9 +133,9 @@ def threads() -> int:
 
 
 def by_threads(call: Callable[..., T], *columns: Any) -> Iterator[T]:
-    """What a function returns of each row, in order, by as many threads as `cores`; BLAS has one in each of them.
+    """`call(*row)` for each row of the columns, in order, by as many threads as `cores`, each with one thread of BLAS.
 
-    It pays where most of the time is in products, or in LAPACK by NumPy: these hold no lock of Python.
+    It pays where products or NumPy's calls of LAPACK take most of the time: these do not hold Python's lock.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -144,9 +144,9 @@ def by_threads(call: Callable[..., T], *columns: Any) -> Iterator[T]:
 
 
 def times(A: Matrix, X: Array) -> Array:
-    """AX of A (n, n) and X (n, k) or (n,). SciPy has one thread: rows of a large A are divided among as many as BLAS has.
+    """AX for A (n, n) and X (n, k) or (n,). SciPy has one thread; here as many as BLAS has share the rows of a large A.
 
-    Of a real sparse A and a complex X, SciPy would make a complex copy of A. Here X is taken as twice as many real columns.
+    For a real sparse A and a complex X, SciPy would make a complex copy of A. Here X is taken as twice as many real columns.
     """
     if X.ndim == 1:
         return np.asarray(A @ X)

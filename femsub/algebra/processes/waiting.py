@@ -1,4 +1,4 @@
-"""Waiting for another process, which may be stopped meanwhile (SIGSTOP, Ctrl-Z): then nobody waits without a word."""
+"""Waiting for another process, with a warning if that process is stopped meanwhile (SIGSTOP, Ctrl-Z)."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ log = logging.getLogger(__name__)
 
 
 def is_stopped(pid: int) -> bool:
-    """Whether a process is stopped, by a signal or a debugger, now and at a second look.
+    """Whether a process is stopped, by a signal or a debugger, now and at a second check.
 
-    Where a whole group is continued, this process may run a moment before the other one.
+    When a whole group is continued, this process may run a moment before the other one.
     """
     with suppress(OSError):
         for pause in (LOOK, 0.0):
@@ -33,17 +33,17 @@ def is_stopped(pid: int) -> bool:
 
 def first_done(futures: Iterable[Future[Any]], at_work: Callable[[], Mapping[int, str]], named: set[int],
                killed: str = "and what the others have done is kept") -> set[Future[Any]]:
-    """Those of the futures that have ended, one at least. A warning names each of the processes at work that is stopped.
+    """Wait until at least one future has ended, and return all ended ones. A warning names each working process that is stopped.
 
     Parameters
     ----------
     futures : iterable of Future
     at_work : function
-        {process: what it does} of those that may be waited for.
+        Returns {process number: its work} for the processes that may be waited for.
     named : set of int
         Processes that a warning has named; those of this call are added.
     killed : str
-        What else `kill -KILL` does.
+        The further effect of `kill -KILL`, for the warning.
     """
     from concurrent.futures import FIRST_COMPLETED, wait
 
