@@ -217,7 +217,7 @@ def _beside_kept(n: int, places: list[Array], blocks: list[Array]) -> tuple[Matr
 
 
 def _clean(Q: Array) -> Array:
-    """Q with its rounding set to 0: it would give rigid motion strain energy, and a massless coordinate mass."""
+    """Q with rounding set to 0. It would give rigid motion a strain energy, and a massless coordinate a mass."""
     return np.where(np.abs(Q) > 4 * EPS * np.abs(Q).max(axis=0, initial=0.0), Q, 0.0)
 
 
@@ -250,8 +250,8 @@ def links_without_rounding(ends: Iterable[tuple[Matrix, Array]], unit: Array) ->
     """Σ B (m, n), the motion between the ends of a link, with rounding set to 0; `unit` (n,) are displacements at unit energy.
 
     `ends` has each B with the size of its motions at unit energy before the joints, (m,). An entry is compared only with the ends
-    that it belongs to. Beside a light end, which moves far, the entries of a heavy one would count as rounding. Beside shapes of
-    large numbers, those of the light one would.
+    that it belongs to. Beside a light end, which moves far, the entries of a heavy end would count as rounding. Beside shapes of
+    large numbers, those of the light end would.
     """
     moved: Any = 0.0
     size: Any = 0.0

@@ -70,7 +70,7 @@ class DenseFactor:
                 raise la.LinAlgError(f"reciprocal condition {rcond:.1e}")
         except (la.LinAlgError, la.LinAlgWarning, RuntimeWarning) as error:
             raise SingularMatrixError(f"the {kind} factorisation of a {self.size} x {self.size} matrix broke down; it is "
-                                      f"singular, or not what it was taken for ({error})") from None
+                                      f"singular, or not of this kind ({error})") from None
         self._solve = lambda b: (columns * la.lu_solve(factor, (rows * b.T).T, check_finite=False).T).T
 
     @property

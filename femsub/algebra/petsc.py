@@ -351,7 +351,7 @@ class SparseFactor:
     def _refused(self, why: str) -> SingularMatrixError:
         self.close()
         return SingularMatrixError(f"the {self.kind} factorisation of a {self.size} x {self.size} matrix by "
-                                   f"{self.package.upper()} broke down; it is singular, or not what it was taken for ({why})")
+                                   f"{self.package.upper()} broke down; it is singular, or not of this kind ({why})")
 
     def __repr__(self) -> str:
         where = ", on disk" if self.on_disk else ""

@@ -28,7 +28,7 @@ AS_WRITTEN = "*MATRIX OUTPUT with FORMAT=MATRIX INPUT or COORDINATE"
 class TextMatrix:
     """A matrix, shape (n, m), and the (node, direction) of each row if the file has them, shape (n, 2), ascending.
 
-    Those of the columns, (m, 2), are None where they are the rows'.
+    `columns` (m, 2) has those of the columns, or None if they are the same as those of the rows.
     """
 
     matrix: Matrix
@@ -37,7 +37,7 @@ class TextMatrix:
 
     @property
     def labels(self) -> Array | None:
-        """(node, direction) of the rows, which are also those of the columns."""
+        """(node, direction) of the rows if the columns have the same, else None."""
         return self.rows if self.columns is None else None
 
 
@@ -50,11 +50,11 @@ def read_text_matrix(path: Path) -> TextMatrix:
     ===================  =======================================================================================
     it reads             both kinds of lines, with blanks or commas; comments (**) and empty lines; Fortran's
                          exponents 2.5D+03 and 2.5+103
-    it refuses           a word that is not a number, NaN and Inf, lines of another length, an entry twice, half
-                         of a pair beside whole ones, a row without its diagonal, a last line without its end, a
-                         row number far beyond the entries
-    it cannot know       whether a digit is wrong; whether lines are gone, where one triangle lost entries beside
-                         the diagonal or the last rows are gone: the file has no count (M and K are compared)
+    it refuses           a word that is not a number, NaN and Inf, lines of another length, an entry twice, an entry
+                         without its transposed one beside complete pairs, a row without its diagonal, a last line
+                         without its end, a row number far beyond the entries
+    it cannot know       whether a digit is wrong; whether one triangle lost entries off the diagonal, or the last
+                         rows are missing: the file has no count (M and K are compared)
     ===================  =======================================================================================
 
     Raises
@@ -138,7 +138,7 @@ def _check_diagonal(path: Path, rows: Array, columns: Array, size: int, labels: 
 
 def lines_of_numbers(path: Path, skip: int, delimiter: str | None = None, dtype: Any = float,
                      comment: tuple[str, ...] = ()) -> Array:
-    """The numbers behind the first lines, without lines that begin as a comment.
+    """The numbers behind the first `skip` lines, without lines that begin as a comment.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def lines_of_numbers(path: Path, skip: int, delimiter: str | None = None, dtype:
 
 
 def fortran_mended(text: str) -> str:
-    """Fortran's 2.5D+03 and 2.5+103 as 2.5e+03 and 2.5e+103; it omits the letter before exponents of three digits."""
+    """2.5e+03 and 2.5e+103 for Fortran's 2.5D+03 and 2.5+103: Fortran omits the letter before exponents of three digits."""
     text = re.sub(r"(?<=[\d.])[dD](?=[+-]?\d)", "e", text)
     return re.sub(r"(\d\.\d*|\.\d+)([+-]\d{3})(?!\d)", r"\1e\2", text, flags=re.ASCII)
 
@@ -195,7 +195,7 @@ def read_dofs(path: Path, labels: tuple[str, ...] | None = None) -> DofMap:
     Raises
     ------
     InputError
-        A line that is neither, or the same motion of the same node twice.
+        A line in neither format, or the same motion of the same node twice.
     """
     if not path.is_file():
         raise InputError(f"dofs: there is no file {path}")

@@ -22,13 +22,13 @@ from femsub.io.damage import MOST, assembled, mirrored, run_rows
 
 MODULE = "ansys.mapdl.reader"
 INTEGERS = -2**31  # the flags of a record of whole numbers; 0 are those of double precision
-WINDOWS, BITS = 2**28, 2**27  # more flags, of records that leave out entries 0
+WINDOWS, BITS = 2**28, 2**27  # further flags, of records that leave out entries that are 0
 #: places in the standard header, the first record, in words of four bytes; the manual's item n is the word n + 1
 HEADER = {"length of the record": 0, "file number": 2, "file length": 28, "file length, low": 98, "file length, high": 99,
           "next record": 103}
 KINDS = {".full": 4, ".rst": 12}  # file numbers
 ANALYSES = {"static": 0, "buckling": 1, "modal": 2, "harmonic": 3, "transient": 4}  # by KAN of a result file
-NOTHING = 2.0 ** 100  # in place of a value that there is not
+NOTHING = 2.0 ** 100  # stands for a missing value
 #: the process: its memory is limited, and it takes the reader's modules without their __init__, which loads VTK for some 5 s
 BEGIN = f"""
 import resource, sys, types
@@ -76,7 +76,7 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
                          matrices; all columns of unsymmetric ones, as friction makes them
     it leaves out        DOF that a constraint holds
     it refuses           a lumped mass, compressed records of matrices, a file that is shorter than its header says,
-                         records whose lengths differ from what stands around them, another number of entries than
+                         records whose two lengths differ or that do not fit their neighbours, another number of entries than
                          announced, an entry twice
     it cannot know       whether a number is wrong: there is no checksum. Whether a program wrote the rows of an unsymmetric
                          matrix in place of its columns: the transposed pencil has the same λ
@@ -143,9 +143,9 @@ class _Records:
 def _spread(packed: Array, flags: int) -> Array | None:
     """The content of a compressed record of whole numbers, which has 0 where nothing is stored; None if it is damaged.
 
-    Behind the size of the content stand, of WINDOWS, their count and each window: its place, negative where it is longer than one
-    entry, then its length, negative where all its entries are the one that follows, and the entries; of BITS a word whose bit n
-    says whether entry n is stored, and the stored ones.
+    The first word is the size of the content. For WINDOWS, their number follows, and then each window: place, length, entries. A
+    positive place has one entry and no length; a negative place has a length. A negative length means that all entries of the
+    window equal the one that follows. For BITS, bit n of the next word says whether entry n is stored. The stored entries follow.
     """
     words = packed.tolist()
     if len(words) < 2 or not 0 <= words[0] <= MOST:
@@ -170,7 +170,7 @@ def _spread(packed: Array, flags: int) -> Array | None:
     return content if at == len(words) else None
 
 
-@lru_cache(maxsize=1)  # K and M are asked for one after the other
+@lru_cache(maxsize=1)  # K and M are read one after the other
 def _matrices(path: Path, changed: int, size: int) -> dict[str, TextMatrix]:
     records = _Records(path)
     head, at = records.integers("its header", HEADER["next record"])
@@ -223,7 +223,7 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and notes.
 
     PyAnsys' reader runs in a process of its own, since a damaged file may crash it, keep it busy for ever or ask for all memory.
-    It is ended after so many seconds, and gets so many GB of addresses: more than any file of modes needed so far.
+    The process is ended after `seconds`. Its address space is limited to `gigabytes`, more than any file of modes needed so far.
 
     ===================  =======================================================================================
     it reads             real modes of a modal analysis (ANTYPE,MODAL): motions of nodes, compressed or not
@@ -302,7 +302,7 @@ def _axes(angles: Array) -> Array:
 
 
 def _checked(path: Path, ending: str) -> Path:
-    """The path, if the file begins as one of Ansys of this kind and is as long as it says, and the package for it is there."""
+    """The path, after checks: Ansys wrote this kind of file, it is as long as its header says, and its package is installed."""
     place: ModuleSpec | None = None
     if ending == ".rst":
         with suppress(ModuleNotFoundError):  # another package of Ansys, without this part

@@ -37,7 +37,7 @@ _held: ContextVar[frozenset[tuple[int, int]]] = ContextVar("femsub_held", defaul
 
 
 def with_index(writers: Mapping[str, Writer], index: str, table: Mapping[str, Any]) -> dict[str, Writer]:
-    """The writers, and last that of an index in JSON: a table with the hashes of the files, and the sum of its own content."""
+    """The writers, and last the writer of an index in JSON: a table, the hashes of the files, and the sum of its own content."""
     hashes: dict[str, str] = {}
 
     def write(file: BinaryIO, name: str) -> None:
@@ -66,9 +66,9 @@ def newest(folder: Path, name: str) -> Path:
 
 @contextmanager
 def held(folder: Path, alone: bool = False) -> Iterator[None]:
-    """Make the folder and lock it; end what a killed writer has begun. A folder that is still empty at the end goes again.
+    """Inside, the folder exists and is locked, and a move that a killed writer began is complete. An empty new folder is removed.
 
-    For one file `alone` nothing is locked: its own move is all there is.
+    For one file `alone` nothing is locked: its move is a single step.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def held(folder: Path, alone: bool = False) -> Iterator[None]:
                                               "folder") from None
                 _held.set(before | {name})
                 _finish(folder)
-            # hidden folders of writers that are no more
+            # remove the hidden folders of writers that were killed
             for path in folder.glob(f"{TEMPORARY}*"):
                 with suppress(OSError), opened(path, linked=False) as left:
                     if lock(left):
@@ -112,7 +112,7 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         The folder cannot be written, or another process writes into it; existing files are unchanged.
     """
     places = {name: folder / name for name in writers}
-    for name, path in places.items():  # one that is not below the folder, or that a link leads to, is refused
+    for name, path in places.items():  # a path that is not below the folder, or that a link leads to, is refused
         words = PurePath(name).parts
         if PurePath(name).is_absolute() or ".." in words:
             raise OSError(EINVAL, f"{name!r} is not a file within it")
@@ -127,7 +127,7 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         for place in dict.fromkeys(path.parent for path in places.values()):  # outer folders are locked before inner ones
             stack.enter_context(held(place, alone))
             waiting[place] = stack.enter_context(_temporary(place))
-        for name, writer in writers.items():  # in their order: an index lists those before
+        for name, writer in writers.items():  # in their order: an index lists the files before it
             path = places[name]
             if path.is_dir():
                 raise OSError(EEXIST, f"{path} is a folder")
@@ -146,12 +146,12 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
 def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:
     """Deletes files of the last run, {name: hash}, and the folders that are empty then.
 
-    Only what the last run wrote: regular files below the folder with an ending of femsub's files, their content that of the
-    hash. No link is followed.
+    Only files that the last run wrote are deleted: regular files below the folder, with an ending of femsub's files and with the
+    content of the hash. No link is followed.
     """
     whole = resolved(folder)
     for name, known in hashes.items():
-        with suppress(OSError, ValueError):  # a name that none can be; a file that may not be read or deleted stays
+        with suppress(OSError, ValueError):  # ValueError: no valid name. A file that may not be read or deleted stays
             path = whole / name
             below = resolved(path) == path and whole in path.parents
             if below and path.suffix in OURS and path.is_file() and hash_of(path) == known:
@@ -167,7 +167,7 @@ def scratch(need: float) -> Iterator[Path]:
     Raises
     ------
     NotEnoughMemoryError
-        A file cannot be written inside, for which some `need` bytes must be free.
+        A file cannot be written inside; the message says that some `need` bytes must be free.
     """
     place = temporary()
     try:
@@ -184,7 +184,7 @@ def _temporary(place: Path) -> Iterator[Path]:
         while True:
             path = place / f"{TEMPORARY}{secrets.token_hex(8)}"
             path.mkdir()
-            with ExitStack() as one, suppress(FileNotFoundError, BlockingIOError):  # another process sweeps it, or has done so
+            with ExitStack() as one, suppress(FileNotFoundError, BlockingIOError):  # another process removes it as left over
                 lock(one.enter_context(opened(path)))
                 if path.exists():
                     stack.enter_context(one.pop_all())
@@ -199,7 +199,7 @@ def _finish(folder: Path, own: bool = False) -> None:
     Raises
     ------
     OSError
-        What lies there is not what a killed writer leaves.
+        The folder holds files that a killed writer does not leave.
     """
     waiting = folder / NEXT
     mode = _mode(waiting)
@@ -221,7 +221,7 @@ def _move(waiting: Path, folder: Path) -> None:
 
 
 def _mode(path: Path) -> int:
-    """The mode of what is there, links not followed; 0: nothing."""
+    """The mode of a path, links not followed; 0 if there is nothing."""
     try:
         return path.lstat().st_mode
     except OSError:

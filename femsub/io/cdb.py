@@ -32,7 +32,7 @@ _FAMILIES = {
 _MESHES = {200: {0: "line", 1: "curve", 2: "line", 3: "curve", 4: "triangle", 5: "triangle", 6: "face", 7: "face", 8: "tetra",
                  9: "tetra", 10: "brick", 11: "brick"}}
 _FAMILY = {number: family for family, numbers in _FAMILIES.items() for number in numbers}
-#: of each family: nodes that are the same, and the cell with straight and with curved edges: where its nodes are in the element
+#: for each family: pairs of equal nodes; the cells with straight and with curved edges, and their nodes' places in the element
 _FORMS: dict[str, list[tuple[tuple[tuple[int, int], ...], tuple[str, list[int]], tuple[str, list[int]]]]] = {
     "brick": [(((2, 3), (4, 5), (4, 6), (4, 7)), ("tetra", [0, 1, 2, 4]), ("tetra10", [0, 1, 2, 4, 8, 9, 11, 16, 17, 18])),
               (((4, 5), (4, 6), (4, 7)), ("pyramid", [0, 1, 2, 3, 4]), ("pyramid13", [*range(5), *range(8, 12), *range(16, 20)])),
@@ -159,7 +159,7 @@ class _Archive:
                 self.notes[f"{'node' if command == 'N' else 'element'} by the command {command} skipped"] += 1
 
     def _block(self, what: str, count: int | None = None) -> list[list[str]]:
-        """The fields of a block's lines by its format, as (3i9,6e21.13e3), up to its end or so many."""
+        """The fields of a block's lines, cut by its format, as (3i9,6e21.13e3), up to its end or `count` lines."""
         form = self.lines[self.at].strip() if self.at < len(self.lines) else ""
         parts = re.findall(r"((?<!\d)\d++|)[ieaEIA](\d++)(?:\.\d++(?:[eE]\d++)?)?", form)
         widths = [int(width[:3]) for times, width in parts for _ in range(min(int(times.lstrip("0")[:9] or 1), 1000))]
@@ -190,7 +190,7 @@ class _Archive:
         first = sum(int(times or 1) for times in leading.groups() if times is not None) if leading else 1
         self._counted("NBLOCK", words[4], len(rows))
         self.numbers += whole(self.path, "NBLOCK", [row[0].strip() for row in rows])
-        whole(self.path, "NBLOCK", [field.strip() or "0" for row in rows for field in row[1:first]])  # of a solid and a line
+        whole(self.path, "NBLOCK", [field.strip() or "0" for row in rows for field in row[1:first]])  # solid and line of a node
         places = np.array([(row[first:] + [""] * 6)[:6] for row in rows], dtype=object).reshape(-1, 6)
         text = " ".join(field if field.strip() else "0" for field in places.ravel())
         values = as_numbers(f"{self.path}: the coordinates of nodes", text, float)

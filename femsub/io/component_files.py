@@ -58,8 +58,8 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     interface : sequence
         DOF: numbers from 0, or by the map '12:uz', '12.3' (node and direction), `12:*` (all of a node), (12, 'uz').
     ports : mapping of str
-        For each port such a DOF, a sequence of them (w is 1 there), a mapping of DOF to weight, or the column(s) w as an
-        array of floats, shape (n,) or (n, p).
+        For each port a DOF as in `interface`, a sequence of DOF (w is 1 there), a mapping of DOF to weight, or the column(s) w as
+        an array of floats, shape (n,) or (n, p).
     name : str, optional
         Default: the name of K's file, or the one in the folder of `write_matrices`.
     massless : bool
@@ -75,9 +75,9 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     -------
     Substructure
         DOF that an Abaqus boundary condition holds (1e36 on the diagonal of K) are removed, as are empty ones with `drop_empty`;
-        the others keep their names. A
-        superelement is a `ReducedSubstructure`. Its interface has the set 'boundary' and a set for each boundary grid, named by
-        its number. Its motions are along the basic axes ('ux', ..., 'rz'), whatever frames the grids have.
+        the others keep their names. A superelement is a `ReducedSubstructure`. Its interface has the set 'boundary' and a set for
+        each boundary grid, named by its number. Its motions are along the basic axes ('ux', ..., 'rz'), whatever frames the grids
+        have.
 
     Notes
     -----
@@ -88,8 +88,8 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     ------
     InputError
         A file that cannot be read, is cut short or belongs to another model, a DOF that does not exist, matrices that are
-        not a component (see `Substructure`). The message names the file. An unsymmetric K is none: `read_matrix` reads it for a
-        `Pencil`.
+        not a component (see `Substructure`), as an unsymmetric K: read that with `read_matrix`, for a `Pencil`. The message names
+        the file.
 
     Warns
     -----
@@ -199,10 +199,10 @@ def _kind(path: Path) -> str:
 
 def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str,
                  masses: Collection[str], massless: bool, drop_empty: bool = False) -> tuple[dict[str, Matrix], DofMap | None]:
-    """Matrices from files by keys, all on the rows of one of them, the frame, without those that Abaqus holds in it.
+    """{key: matrix} from files, all on the rows of the matrix `frame` without DOF that Abaqus holds in it; and their DOF map.
 
-    `usual` has the name that a matrix has in a file of several; `masses` are masses, which must have all DOF of the
-    frame unless `massless`; those for which the frame has zeros alone may be missing with `drop_empty`.
+    `usual` has the usual names of the matrices, for files with several. The matrices `masses` must have all DOF of the frame,
+    unless `massless`. With `drop_empty` they may lack the DOF for which the frame has only zeros.
     """
     read = {}
     for key, path in paths.items():

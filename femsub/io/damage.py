@@ -26,8 +26,8 @@ THROWN = (ArithmeticError, AssertionError, AttributeError, BufferError, EOFError
           RuntimeError, StopIteration, SyntaxError, TypeError, ValueError, Warning, lzma.LZMAError, struct.error,
           tokenize.TokenError, zipfile.BadZipFile, zipfile.LargeZipFile, zlib.error)
 
-#: Rows, nodes, elements or members of a set that a few numbers of a file may stand for. A model of so many nodes fits into no
-#: computer that femsub runs on, and a list of them takes 1 GB, which a damaged digit shall not ask for.
+#: Most rows, nodes, elements or members of a set that a few numbers of a file may announce. No computer that femsub runs on holds
+#: a model of so many nodes. A list of them takes 1 GB, which a damaged digit must not cause.
 MOST = 10_000_000
 
 P = ParamSpec("P")
@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 def unreadable_refused(reader: Callable[P, T]) -> Callable[P, T]:
-    """A public reader, which names the file that the system does not let it read: without rights, on a disk that fails."""
+    """A public reader whose error names the file that cannot be read, for lack of rights or because its disk fails."""
     @wraps(reader)
     def reading(*args: P.args, **named: P.kwargs) -> T:
         try:
@@ -48,9 +48,9 @@ def unreadable_refused(reader: Callable[P, T]) -> Callable[P, T]:
 
 @dataclass
 class Cursor:
-    """Takes numbers from what has a buffer, one after the other, and never more than there are."""
+    """Takes numbers from a buffer, one after the other, and never more than there are."""
 
-    what: str  # whose content it is, as errors begin
+    what: str  # the owner of the content, with which errors begin
     content: Any
     place: int = 0  # in bytes
 
@@ -110,9 +110,9 @@ def run_rows(first: Array, counts: Array) -> Array:
 
 def assembled(what: str, rows: Array, columns: Array, values: Array, shape: tuple[int, int], partner: Any = None,
               labels: Array | None = None) -> Any:
-    """CSR of entries, of which each may stand once; `partner` makes of an entry beside the diagonal the one across it.
+    """A CSR of entries, each of which may occur once; `partner` turns an entry off the diagonal into its transposed one.
 
-    `labels` (n, 2) has node and DOF of each row, as which an error names an entry.
+    `labels` (n, 2) has node and DOF of each row, by which an error names an entry.
     """
     beside = rows != columns
     if partner:
@@ -135,9 +135,9 @@ def mirrored(half: Any) -> Any:
 
 
 def check_partners(path: Path, name: str, matrix: Any, single: bool) -> None:
-    """Warn of a matrix that its file calls symmetric, and whose two entries of a pair differ by more than rounding.
+    """Warn of a matrix that its file calls symmetric, if the two entries of a pair differ by more than rounding.
 
-    Half of the digits of the file's precision may differ, measured by √(a_ii a_jj), which no pair exceeds in a stiffness or mass.
+    Half of the digits of the file's precision may differ, relative to √(a_ii a_jj): no entry of a stiffness or mass exceeds that.
     """
     if matrix.shape[0] != matrix.shape[1]:
         raise InputError(f"{path} calls {name!r} symmetric, but it is {matrix.shape[0]} x {matrix.shape[1]}; it is damaged")
@@ -152,12 +152,12 @@ def check_partners(path: Path, name: str, matrix: Any, single: bool) -> None:
 
 
 def announced(lines: Sequence[str]) -> list[str]:
-    """Lines of a text file for Nastran, the first with their count and the sum of the others, which the format does not have."""
+    """The lines of a text file for Nastran. The first gets their number and a checksum of the others, which the format lacks."""
     return [f"{lines[0]}, {len(lines)} lines, sum {_sum(line.encode() for line in lines[1:]):08x}", *lines[1:]]
 
 
 def _sum(lines: Iterable[bytes]) -> int:
-    """CRC-32 of lines, whatever their ends and the blanks before these, and empty ones: a transfer may change them."""
+    """CRC-32 of lines without their ends, blanks at their ends and empty lines: a transfer may change these."""
     found = 0
     for line in lines:
         found = zlib.crc32(kept + b"\n", found) if (kept := line.rstrip()) else found
@@ -165,7 +165,7 @@ def _sum(lines: Iterable[bytes]) -> int:
 
 
 def check_lines(path: Path) -> bool:
-    """Refuse a text file of femsub whose first line announces another number of lines or sum; whether it announces lines."""
+    """Refuse a text file of femsub whose first line announces other lines, by number or sum; returns whether it announces any."""
     with open(path, "rb") as file:
         said = re.fullmatch(rb"\$ .*, by femsub, (\d{1,15}) lines(?:, sum ([0-9a-f]{8}))?\s*", file.readline(1000))
         lines = [line for line in file if line.strip()] if said else []
@@ -181,7 +181,7 @@ def check_lines(path: Path) -> bool:
 def check_end(path: Path, comment: bytes = b"\n", last_words: Sequence[str] = ()) -> None:
     """Refuse a text file whose last line has no end: it was cut short, and its last number may have lost digits.
 
-    A line with a `comment` sign may be cut, and one that is one of the `last_words` is whole.
+    A line with a `comment` sign may be cut. A line that is one of the `last_words` is whole.
     """
     with open(path, "rb") as file:
         end = file.seek(0, io.SEEK_END)

@@ -34,24 +34,24 @@ HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # of a b
 
 @dataclass(frozen=True)
 class Key:
-    """What is known of a key.
+    """The declaration of a key.
 
     Attributes
     ----------
     meaning : str
         For `femsub keys` and editors; it begins with a small letter.
     unit : str
-        Of the value, or of each in a list.
+        Unit of the value, or of each value in a list.
     least, most, above, below : float, optional
-        Bounds of the value, or of each in a list.
+        Bounds of the value, or of each value in a list.
     choices : callable
         The valid words, from the class that has the key.
     form : str
-        Of a list of fixed length: '[x, y]'; of a range: '[lo, hi]' or '[from, to]', whose order is checked.
+        The form of a list of fixed length, '[x, y]', or of a range, '[lo, hi]' or '[from, to]', whose order is checked.
     distinct : bool
         No value of a list may occur twice.
     otherwise : str
-        What holds where the key is left out and its default says nothing.
+        The effect of leaving the key out, where its default does not show it.
     example : object
         A value to show where there is no default.
     required : bool
@@ -61,7 +61,7 @@ class Key:
     file : bool
         It names a file, relative to the scene file; its hash is in results.json.
     type, default : object
-        Those of the field, known once a class has it.
+        Type and default of the field, known once a class has it.
     """
 
     meaning: str
@@ -83,7 +83,7 @@ class Key:
 
     @property
     def length(self) -> int | None:
-        """Of a list of fixed length."""
+        """The length of a list of fixed length, else None."""
         return self.form.count(",") + 1 if self.form else None
 
     @property
@@ -119,7 +119,7 @@ def key(default: Any, meaning: str, **known: Any) -> Any:
 
 @cache
 def keys_of(kind: type) -> dict[str, Key]:
-    """The keys of a table, by name: that of its kind and those that are required first, those that all of its family share last.
+    """The keys of a table, by name: the key of its kind, required keys, then others, each with those that its family shares last.
 
     A key that a class declares anew with a default is not required any more.
     """
@@ -137,7 +137,7 @@ def keys_of(kind: type) -> dict[str, Key]:
     return dict(sorted(found.items(), key=lambda pair: (pair[0] != own, not pair[1].required, pair[0] in general)))
 
 
-_types = cache(get_type_hints)  # get_type_hints reads the text of each annotation anew, of all classes before this one
+_types = cache(get_type_hints)  # each call of get_type_hints evaluates all annotations of a class and of its bases
 
 
 def alternatives(declared: Any) -> list[Any]:
@@ -147,7 +147,7 @@ def alternatives(declared: Any) -> list[Any]:
 
 
 def item_type(declared: Any) -> Any:
-    """`int` of `list[int]`; None of what is no list."""
+    """`int` of `list[int]`; None of a type that is no list."""
     return get_args(declared)[0] if get_origin(declared) is list else None
 
 
@@ -168,7 +168,7 @@ def type_words(declared: Any, many: bool = False) -> str:
 
 
 def read_table(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults, hertz: bool = True) -> Any:
-    """An instance of a class of keys, from a table that stands at a place of a file; None if there are faults, which are noted.
+    """An instance of a class of keys, from a table at a place of a file; None if it has faults, which are noted.
 
     `hertz`: whether "5 kHz" may stand for a frequency, since the unit of time is the second. The class's own checks come last.
     """
@@ -197,7 +197,7 @@ def read_table(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults
 
 
 def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz: bool) -> Any:
-    """A value of the type, and within the bounds, of its key."""
+    """A value, checked, and converted to the type of its key."""
     if value == [] and any(map(item_type, alternatives(one.type))):
         if place[-1] != getattr(owner, "KIND", None):
             raise InputError("it is an empty list. Leave the key out to take its default")
@@ -224,7 +224,7 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
 
 
 def in_radians(value: Any, known: bool) -> Any:
-    """2π · 5000 of "5 kHz"; other values as they are."""
+    """2π · 5000 for "5 kHz"; other values as they are."""
     found = HERTZ.fullmatch(value) if isinstance(value, str) else None
     if found is None:
         return value
@@ -234,7 +234,7 @@ def in_radians(value: Any, known: bool) -> Any:
 
 
 def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
-    """Checks a value against what is known of its key."""
+    """Checks a value against the declaration of its key."""
     if one.length and (isinstance(value, list) and len(value) != one.length):
         raise InputError(f"it must be {one.form}, not {shown(value)}")
     if one.form in RANGES and isinstance(value, list):
@@ -266,7 +266,7 @@ def _fits(value: Any, kind: Any) -> bool:
 
 
 def _typed(value: Any, declared: Any, name: str = "it") -> Any:
-    """A value as its key has it: whole numbers do for floats, one value for a list of one."""
+    """A value in the type of its key: a whole number may stand for a float, and a single value for a list of one."""
     for kind in alternatives(declared):
         inner = item_type(kind)
         if inner is not None:

@@ -1,4 +1,4 @@
-"""Declared tables described: listed with types, units, defaults and meanings, and as a JSON schema for editors."""
+"""Descriptions of declared tables: lists of keys with types, units, defaults and meanings, and a JSON schema for editors."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def listed_keys(kind: Any, indent: str) -> Iterator[str]:
 
 
 def spelt(kind: Any, field: str) -> str:
-    """The key of a field: that of the kind itself has hyphens."""
+    """The key of a field. The key that names the kind is written with hyphens."""
     own = getattr(kind, "KIND", "")
     return own if own.replace("-", "_") == field else field
 
@@ -78,7 +78,7 @@ def table_schema(kind: Any) -> dict[str, Any]:
 
 
 def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
-    """What a value may be, each way of writing it."""
+    """The schemas of a value, one for each way of writing it."""
     ways: list[dict[str, Any]] = []
     for way in alternatives(declared):
         inner = item_type(way)
@@ -97,7 +97,7 @@ def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
                 {"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.distinct else {}))
             if length is None and item_type(inner) is None:
                 bare = [{"not": {"type": "array"}}] if single == [{}] else single
-                ways += [way for way in bare if way not in ways]  # one value does for a list of one
+                ways += [way for way in bare if way not in ways]  # a single value may stand for a list of one
         else:
             ways.append(_value(way, one, owner))
     return ways

@@ -19,7 +19,7 @@ from femsub.io.nastran import KNOWN, bulk_of, cards_in
 
 #: cards of `write_superelement`
 WRITTEN = {"ASET1", "BEGIN SUPER", "BSET1", "DMIG", "DTI", "EXTRN", "GRID", "QSET1", "SEBULK", "SECONCT", "SPOINT"}
-#: cards that begin with any name
+#: cards whose first field may be any name
 OTHERS = ("PARAM", "DTI", "DTABLE", "MDLPRM", "DOPTPRM", "AECOMP", "AECOMPL", "MONSUM",
           "MONPNT1", "MONPNT2", "MONPNT3", "MONDSP1")
 _REAL = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([EDed][+-]?\d++|[+-]\d++)?", re.ASCII)
@@ -85,7 +85,7 @@ def whole(path: Path, what: str, text: str, least: int = 0) -> int:
 
 
 def quadruples(fields: list[str], size: int = 4) -> Iterator[list[str]]:
-    """Fields by so many, without those that are all blank."""
+    """The fields in groups of `size`, without groups that are all blank."""
     for start in range(0, len(fields), size):
         some = fields[start:start + size]
         if any(some):
@@ -114,7 +114,7 @@ def read_dmig(path: Path) -> dict[str, TextMatrix]:
 
 
 def cards_of(path: Path) -> list[tuple[str, list[str]]]:
-    """`cards_in` a file that has its end, the lines that its first one announces and, if that does, femsub's cards only."""
+    """`cards_in` a file whose last line has its end. A file of femsub must have the lines and the cards that femsub writes."""
     check_end(path)
     own, (lines, _, notes, _) = check_lines(path), bulk_of(path)
     for note in notes:

@@ -1,4 +1,4 @@
-"""What is wrong with a TOML file: all of it at once, each with its line."""
+"""The faults of a TOML file, all reported at once, each with its line."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Place = Sequence[Any]  # the keys that lead to a value: ("part", "disc", "E"), (
 
 
 class Faults:
-    """What was found wrong so far. `source` is the file, `text` what stands in it."""
+    """The faults found so far. `source` is the name of the file, `text` its content."""
 
     def __init__(self, source: str = "", text: str = "") -> None:
         self.source, self.lines = source, line_numbers(text)
         self.found: list[tuple[int, str]] = []
 
     def line(self, place: Place) -> int:
-        """The line of a value, or of the nearest table around it; 0 where it does not stand in the file."""
+        """The line of a value, or of the nearest table around it; 0 if the file has neither."""
         keys = tuple(place)
         while keys and keys not in self.lines:
             within = [line for one, line in self.lines.items() if one[:len(keys)] == keys]  # [part.disc] stands for part
@@ -30,14 +30,14 @@ class Faults:
         return self.lines.get(keys, 0)
 
     def add(self, place: Place, error: object) -> None:
-        """Notes what is wrong with a value."""
+        """Notes a fault of a value."""
         said = f"{spelt(place)}: {error}" if place else str(error)
         if said not in [text for _, text in self.found]:
             self.found.append((self.line(place), said))
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
-        """What is refused within belongs to this place."""
+        """Inside, an error of femsub is noted as a fault of this place."""
         try:
             yield
         except FemsubError as error:
@@ -49,7 +49,7 @@ class Faults:
         Raises
         ------
         InputError
-            All that was found, by its lines.
+            All faults, in the order of their lines.
         """
         if not self.found:
             return

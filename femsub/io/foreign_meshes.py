@@ -27,7 +27,7 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
     reads           what meshio reads: VTU, VTK, MED, XDMF, SU2, Ansys .msh, Medit, ...
     refuses         Fluent's .msh (cells by their faces);
                     VTU, VTK and SU2 with more or fewer points or cells than their headers say, or sizes beyond the file's own;
-                    in their text, and XDMF's, what begins as a number and is none;
+                    in their text, and XDMF's, words that begin like a number and are none;
                     VTU in several pieces; SU2 with lines that do not belong, or a last line that does not end; Ansys files
                     without an end
     cannot know     for the other formats, what meshio does not check; whether arrays are missing at a cut file's end
@@ -59,7 +59,7 @@ def read_foreign(path: Path) -> tuple[Any, list[str]]:
 
 
 class _Lost(io.StringIO):
-    """Takes what meshio prints, up to the first line that it passes over: setting a message takes it a millisecond."""
+    """Collects meshio's messages, and raises an error at the first line that meshio passes over: each message takes it 1 ms."""
 
     def write(self, text: str) -> int:
         if "could not parse" in text:
@@ -138,7 +138,7 @@ def _su2(path: Path, raw: bytes) -> tuple[int | None, int | None]:
 
 def _all_numbers(path: Path, data: bytes) -> None:
     """Refuse words that only begin like a number: NumPy reads 1e as 1 and 0x10 as 0, and drops the rest."""
-    end = 0  # of a line with a keyword or the name of an array
+    end = 0  # the end of a line with a keyword or the name of an array
     for word in _NO_NUMBER.finditer(data):
         if word.start() >= end:
             start, end = data.rfind(b"\n", 0, word.start()) + 1, (data.find(b"\n", word.start()) + 1 or len(data) + 1) - 1

@@ -36,7 +36,7 @@ def is_gmsh(path: Path) -> bool:
 
 
 def counted(content: bytes) -> bytes:
-    """A file with a comment that announces how many sections of data it has, which Gmsh's format does not: one may be cut off."""
+    """The content of a file, with a comment on its number of data sections: Gmsh's format has none, and one may be cut off."""
     data = len(re.findall(rb"\n\$(?:Node|Element)Data\n", content))
     head, end, rest = content.partition(b"$EndMeshFormat\n")
     return head + end + b"$Comments\n%s%d\n$EndComments\n" % (_ANNOUNCED, data) + rest
@@ -115,11 +115,11 @@ class _Found:
     entities: dict[tuple[int, int], list[int]] = field(default_factory=dict)
     numbers: Array | None = None
     points: Array | None = None
-    #: kind, numbers of the elements, nodes by number, physical tags: of each element, or those all of them have
+    #: kind, numbers of the elements, nodes by number, physical tags: an array by element, or a list that all elements share
     blocks: list[tuple[int, Array, Array, Array | list[int]]] = field(default_factory=list)
     point_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
     cell_data: dict[str, tuple[Array, Array]] = field(default_factory=dict)
-    sections: int = 0  # of data
+    sections: int = 0  # sections of data
     announced: int | None = None  # by `write_mesh`
     notes: list[str] = field(default_factory=list)
 
@@ -128,7 +128,7 @@ class _Found:
 
 
 class _Numbers:
-    """Reads numbers from a section: those of a text are all of one kind, and taken as from a binary file."""
+    """Reads numbers from a section. A text is first converted to numbers of one kind, and then read like a binary file."""
 
     def __init__(self, found: _Found, section: str, raw: bytes, start: int, kind: type = float) -> None:
         self.found, self.section, self.raw, self.end = found, section, raw, -1
@@ -155,17 +155,17 @@ class _Numbers:
         return int(self.take(kind, 1)[0])
 
     def rows(self, count: int, width: int) -> tuple[Array, Array]:
-        """Numbers of nodes or elements (count,), behind each of which real numbers stand (count, width)."""
+        """The numbers of nodes or elements (count,), and the real numbers behind each of them (count, width)."""
         rows = self.cursor.take([("number", self.kinds["i"]), ("values", self.kinds["d"], (width,))], count)
         return self._whole(rows["number"]), rows["values"].astype(float)
 
     def left(self) -> Array:
-        """The numbers of a text that are not taken."""
+        """The numbers of a text that have not been taken."""
         content: Array = self.cursor.content
         return content[self.cursor.place // content.itemsize:]
 
     def done(self) -> int:
-        """The place in the file behind the section, all of which must have been taken."""
+        """The place in the file behind the section; an error if numbers in it have not been taken."""
         if self.end >= 0 and len(self.left()):
             raise self.found.wrong(f"${self.section} has {len(self.left())} numbers more than it says")
         place = self.end if self.end >= 0 else self.cursor.place
@@ -262,7 +262,7 @@ def _nodes(found: _Found, section: str, raw: bytes, start: int) -> int:
 
 
 def _counted(found: _Found, section: str, raw: bytes, start: int, kind: type) -> tuple[_Numbers, int]:
-    """Version 2 gives the count as a line of text, in binary files too."""
+    """The numbers of a section of version 2, and its count, which is a line of text in binary files, too."""
     if not found.binary:
         numbers = _Numbers(found, section, raw, start, kind)
         return numbers, numbers.one("n")
@@ -289,7 +289,7 @@ def _elements(found: _Found, section: str, raw: bytes, start: int) -> int:
                 width = max(3 + tags + _size(found, kind), 3)
                 most, seen = min(left, len(rest) // width), 1
                 heads = rest[:most * width].reshape(-1, width)[:, 1:3]
-                while seen < most and (heads[:seen] == (kind, tags)).all():  # twice as many: kinds may change at each element
+                while seen < most and (heads[:seen] == (kind, tags)).all():  # twice as many each time, as kinds may change
                     seen = min(2 * seen, most)
                 same = (heads[:seen] == (kind, tags)).all(axis=1)
                 count = len(same) if same.all() else int(same.argmin())
@@ -340,7 +340,7 @@ def _data(found: _Found, section: str, raw: bytes, start: int) -> int:
             lists[-1].append(line)
     name = lists[0][0].strip('"') if lists[0] else ""
     if not name.startswith(("set:", "group:", "number")):
-        if found.announced is not None and lists[2][1:2] == ["1"]:  # a mark in a file of femsub has one number for each
+        if found.announced is not None and lists[2][1:2] == ["1"]:  # as the mark of a set in a file of femsub
             found.notes.append(f"the data {name!r:.60} are neither a set:NAME nor a group:NAME: left out")
         return _skipped(found, section, raw, place)
     if len(lists[2]) < 3 or lists[2][1] != "1" or not lists[2][2].isdecimal():

@@ -39,7 +39,7 @@ _SIZES = {"tetra": 4, "tetra10": 10, "hexahedron": 8, "hexahedron20": 20, "wedge
 #: other elements that fill a volume, which would be missing: cohesive, gasket, acoustic, infinite, continuum shells, ...
 _VOLUMES = re.compile(r"(COH|GK|AC|CIN|EC|PC|FC|F|Q|DCC|EMC)3D([4-9]|\d\d)|SC[68]|CSS8|C3D")
 _SCOPES = ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY")
-#: a line with more options of the keyword above it, which ends with a comma; else the comma is one too many
+#: a line with more options of the keyword above it. If the line behind a keyword's last comma has none, the comma is a mistake
 _OPTIONS = re.compile(r"[^,\n]*=|[ \t]*(GENERATE|UNSORTED|INTERNAL|SHIFT|REFLECT|POLE)[ \t]*(,|\n|\Z)", re.IGNORECASE)
 
 
@@ -214,7 +214,7 @@ class Contents:
 
 
 def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 0) -> Array:
-    """The numbers of each line, (lines, width), what is left out as 0; with `lines`, no more than these."""
+    """The numbers of each line, (lines, width), missing ones as 0. With `lines`, there are so many rows, and no more lines."""
     values, counts = fields(f"{what}: its data", data, kind)
     if counts.max(initial=0) > width or len(counts) > lines > 0:
         raise InputError(f"{what} takes {lines or 'any'} lines of up to {width} numbers, not {len(counts)} of {counts.max()}")
@@ -238,7 +238,7 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
     ------
     InputError
         A file that is named but not there; a last line that may be cut; a keyword that changes the mesh in a way that is
-        not read; one that is nearly, but not quite, the name of one that is.
+        not read; a misspelt keyword of a mesh.
     """
     # the text with the files it includes, without comments
     def named(line: str) -> str:
@@ -263,7 +263,7 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
         words = _ITEM.findall(head)
         keyword = " ".join(words[0].split()).upper() if words else ""
         options = {key.strip().upper(): _unquoted(value) for key, _, value in (word.partition("=") for word in words[1:])}
-        # keywords that change the mesh, or are nearly those of one
+        # keywords that change the mesh, and misspelt ones
         if keyword in _CHANGING or (keyword == "MODEL CHANGE" and options.get("TYPE", "ELEMENT").upper() == "ELEMENT"):
             raise InputError(f"{path} has *{keyword}, which changes the mesh in a way that femsub does not support. Write the "
                              "mesh after this change")
@@ -324,10 +324,10 @@ def _nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str)
     rows = [line for line in data.split("\n") if line.strip()] if counts.max() > 4 else [""]
     lines = [line.rstrip(", \t").count(",") for line in rows]
     table = as_table(values, counts)
-    for at, line in enumerate(rows):  # 7, 1., 2., , 0.: a blank coordinate is 0, and so is the normal, which is none
+    for at, line in enumerate(rows):  # 7, 1., 2., , 0.: the blank coordinate is 0, and 0 alone is no normal
         if len(rows) == len(table) and lines[at] == 4 and not line.split(",")[3].strip() and not table[at, 4:].any():
             lines[at] = 3
-    some = table[np.isin(lines, (4, 5)), 4:7] if len(lines) == len(table) else table[:0, 4:7]  # of a normal, or 0,5
+    some = table[np.isin(lines, (4, 5)), 4:7] if len(lines) == len(table) else table[:0, 4:7]  # of a normal, or of 0,5
     if not 3 <= counts.max() <= 8 or max(lines) > 6 or not ((np.abs(some) <= 1).all() and some.any(axis=1).all()):
         raise InputError(f"{path}: *NODE has {len(values)} numbers in {len(counts)} lines; each line must be number, x, y, z "
                          "(coordinates that are left out at the end of a line are 0; a normal may follow; write 0.5, not 0,5)")
@@ -410,7 +410,7 @@ def _set(found: Contents, keyword: str, options: Mapping[str, str], data: str) -
         known = found.sets.get((sort, other.upper()))
         if known is None or (other.upper() == name.upper() and len(known) == 1):
             raise InputError(f"{what} names {word!r}, which is neither a number nor a set above it")
-        for part in [part for part in known if id(part) not in have]:  # a set that names itself, or others again, stays as it is
+        for part in [part for part in known if id(part) not in have]:  # the set has the others already
             have.add(id(part))
             yield part
     yield as_numbers(f"{what}: its data", " ".join(members))
@@ -573,8 +573,8 @@ def _copy_elements(found: Contents, what: str, old: Array, node: Array, element:
             found.elements.append((kind, new, (nodes[taken] + node[:, None, None]).reshape(-1, nodes.shape[1])))
 
 
-#: keyword: what brings its nodes, elements or members, which option names the set of these, and the options that are read
-#: where others would mean something else
+#: keyword: the function that returns its nodes, elements or members; the option that names their set; the options that are read,
+#: if others must be refused
 _MAKERS: dict[str, tuple[Callable[[Contents, str, Mapping[str, str], str], Iterable[Part]], str, tuple[str, ...]]] = {
     "NODE": (_nodes, "NSET", ()), "ELEMENT": (_elements, "ELSET", ()), "NSET": (_set, "NSET", ()), "ELSET": (_set, "ELSET", ()),
     "NGEN": (_line_of_nodes, "NSET", ("LINE", "NSET")), "NFILL": (_nodes_between, "NSET", ("NSET",)),

@@ -1,7 +1,7 @@
 """MATLAB's .mat files of versions 4, 5 to 7, and 7.3: their real and sparse matrices.
 
-SciPy's reader crashes the interpreter on damaged files of version 5 (kinds of numbers that do not exist, strings, cells). It gets
-their matrices only, after a check of each of their parts.
+SciPy's reader crashes the interpreter on damaged files of version 5 (kinds of numbers that do not exist, strings, cells). So it
+gets only the matrices of a file, after a check of all their parts.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class Mi(IntEnum):
 
 
 class Flags(IntEnum):
-    """Of an array: the class in the last byte, of numbers from double to uint64, or sparse; and the bit of a complex one."""
+    """Flags of an array: its class in the last byte, sparse or numbers from double to uint64, and the bit of a complex array."""
 
     SPARSE = 5
     DOUBLE = 6
@@ -86,7 +86,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
     content = path.read_bytes()
     if len(content) < 20 or not any(content[:20]):
         raise InputError(f"{path} is no MATLAB file, or cut short; write it again")
-    if 0 not in content[:4]:  # version 5 to 7: the parts of each matrix are checked; what is none is left out, and none is packed
+    if 0 not in content[:4]:  # versions 5 to 7: matrices are unpacked and their parts checked, other elements left out
         order = {b"IM": "<", b"MI": ">"}.get(content[126:128], "")
         if not order or len(content) < 128 or content[125 if order == "<" else 124] != 1:
             raise InputError(f"{path} cannot be read as a matrix: it is no MATLAB file, or cut short; write it again")
@@ -119,7 +119,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
                 raise InputError(f"{path} is damaged: an array has parts of the kinds {parts}, not size, name and numbers")
             kept += [struct.pack(f"{order}2I", kind, len(data)), data]
         content = b"".join(kept)
-    else:  # version 4, whose heads must lead from one to the next up to the end: NUL before a file of version 5 look like one
+    else:  # version 4: its heads must lead from one to the next up to the end, as NUL before a file of version 5 look like a head
         cursor = Cursor(str(path), content)
         while cursor.place < cursor.end:
             at, kind, order = cursor.place, 0, "<"
@@ -132,7 +132,7 @@ def read_matlab(path: Path) -> dict[str, Matrix]:
                     or imaginary not in (0, 1) or not 0 < name <= 64:
                 raise InputError(f"{path} is no MATLAB file of version 4, or damaged: byte {at} begins no matrix. Write it again")
             cursor.skip(20 + name + rows * columns * size * (1 + imaginary))
-    # SciPy reads what is sound
+    # SciPy reads the checked content
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # SciPy 1.18 warns that the type of sparse matrices will change
         loaded = loadmat(BytesIO(content))

@@ -95,7 +95,7 @@ def read_labelled(path: str | Path, variable: str | None = None, usual: str = ""
 
 
 def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
-    """Several matrices of one file, which is read once; None is its only one."""
+    """Several matrices of one file, which is read once. The name None stands for the only matrix of the file."""
     found = _content(path)
     return [found[_chosen(path, found, name, "")].matrix for name in names]
 
@@ -145,7 +145,7 @@ def _chosen(path: Path, found: Mapping[str, TextMatrix], wanted: str | None, usu
 
 
 def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:
-    """What a reader returns; whatever it throws at a damaged file as an InputError."""
+    """The result of a reader. Its exceptions for a damaged file become an InputError."""
     try:
         return reader(path)
     except (FemsubError, PermissionError):  # the file itself may be whole
@@ -173,7 +173,7 @@ def _npy(path: Path) -> Any:
 def _array_header(path: Path, name: str, file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Shape and type from the header of a .npy file, and the number of bytes the file must have."""
     version = np.lib.format.read_magic(file)
-    if version == (3, 0):  # only for names of records in Unicode
+    if version == (3, 0):  # only for records with names in Unicode
         raise InputError(f"{path}: {name} holds records, not a matrix of numbers")
     if version not in ((1, 0), (2, 0)):
         raise InputError(f"{path}: {name} has the unknown version {version}")
@@ -209,7 +209,7 @@ def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Ar
     Raises
     ------
     InputError
-        It is damaged or cut short, an array is not as long as it announces, or all are longer than `most` bytes.
+        The file is damaged or cut short, an array is not as long as it announces, or all together exceed `most` bytes.
     """
     def read(place: Path) -> dict[str, Array]:
         kinds = _array_kinds(path, content or place, most)
@@ -223,7 +223,7 @@ def read_arrays(path: Path, content: BinaryIO | None, most: int) -> dict[str, Ar
 
 
 def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -> dict[str, np.dtype[Any]]:
-    """The types of the arrays in a .npz file, each of which is as long as it announces."""
+    """The types of the arrays in a .npz file; an error if one is not as long as it announces, or all exceed `most` bytes."""
     if not zipfile.is_zipfile(content):
         raise InputError(f"{path} is not a whole .npz file; it may be cut short, write it again")
     kinds: dict[str, np.dtype[Any]] = {}

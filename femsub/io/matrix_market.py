@@ -14,7 +14,7 @@ from femsub.io.damage import assembled, check_end, check_extent
 LAYOUTS = ("coordinate", "array")
 PLACE = [("row", "i8"), ("column", "i8")]
 FIELDS = {"real": [("value", "f8")], "integer": [("value", "i8")], "complex": [("value", "f8"), ("imaginary", "f8")]}
-#: symmetry, and what an entry of the triangle in the file is in the other one
+#: symmetry: what turns an entry of the triangle in the file into its entry of the other triangle
 MIRRORED = {"general": None, "symmetric": np.positive, "skew-symmetric": np.negative, "hermitian": np.conjugate}
 
 

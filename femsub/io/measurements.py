@@ -19,7 +19,7 @@ from femsub.modes import FrequencyResponse, ModeSet
 HEADS = {Sets.FUNCTION: 11, Sets.DATA_AT_NODES: 8, Sets.ANALYSIS_DATA: 13}  # lines before the numbers of a data set
 FORCES = (13, 9)  # data types of the denominator: excitation force, reaction force
 QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}  # data types of the numerator
-ORDERS = {8: 0, 11: 1, 12: 2}  # by these, how often the displacement is differentiated
+ORDERS = {8: 0, 11: 1, 12: 2}  # by data type, how often the displacement is differentiated
 SILENT = {0: "unknown", 1: "general"}  # data types that do not name a quantity
 RECORD = {"f4": 6, "f8": 4}  # numbers on a full line of text, by precision
 DIRECTIONS = ("s", "ux", "uy", "uz", "rx", "ry", "rz")  # by number; scalar first
@@ -100,7 +100,7 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     if not found:
         raise InputError(f"{file} holds no frequency response function (data set 58 of function type 4); its data sets "
                          f"are {', '.join(map(str, sorted({one.kind for one in sets})))}")
-    for one in sets:  # a damaged number of a data set, or of a type, would take a response away without a word
+    for one in sets:  # without this warning, a response with a damaged number of its data set or type would be lost
         if len(one.lines) > HEADS[Sets.FUNCTION] and not any(one is other for other in found):
             kind, top, bottom = (one.lines[line][:10].strip() for line in (6, 8, 9))
             if kind in ("5", "6") and top in map(str, ORDERS) and bottom in map(str, FORCES):  # complex, as NUMBERS has them
@@ -208,7 +208,7 @@ def read_modes(path: str | Path) -> ModeSet:
     it leaves out        motions that are 0 in every mode: they were not measured, or are held; other data sets and analyses
     it refuses           nodes that another mode of data sets 2414 does not have, the same node twice, NaN, a data set without
                          an end, values missing
-    it cannot know       units; whether modes are missing; which of two programs' scales a shape has
+    it cannot know       units; whether modes are missing; how the program scaled its shapes
     ===================  =======================================================================================
 
     Frequencies in Hz become radians per second. The damping ratio is the viscous one; where that is 0, half the loss factor.

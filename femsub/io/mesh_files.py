@@ -199,7 +199,7 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
 
 
 def _reader(path: Path) -> Callable[[Path], tuple[Any, list[str]]]:
-    """By the content, where programs use one suffix or any for their decks; else by the suffix."""
+    """The reader of a file: by its content, where programs share a suffix or use any; else by its suffix."""
     suffix = path.suffix.lower()
     if suffix == ".msh":
         return read_gmsh if is_gmsh(path) else read_foreign
@@ -247,7 +247,7 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
         if form == "abaqus" and same:
             raise InputError(f"in {suffix.lower()} files the names {same[0]!r} and {same[1]!r} are the same: rename one, or "
                              "write .vtu")
-    # points, and what stands at them and in the cells
+    # points, and the data of points and cells
     spelt = partial(escape, entities={'"': "&quot;"}) if form == "vtu" else str  # meshio writes names into XML as they are
     points = np.zeros((len(mesh.points), 3))
     points[:, :mesh.points.shape[1]] = mesh.points
@@ -327,7 +327,7 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
 
 
 def mesh_writer(mesh: Mesh, shapes: Mapping[str, Any] | None = None) -> Writer:
-    """What writes a mesh with fields on it as VTU into an open file."""
+    """A function that writes a mesh with fields on it as VTU into an open file."""
     return lambda file: file.write(mesh_bytes(mesh, shapes))
 
 

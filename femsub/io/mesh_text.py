@@ -16,8 +16,8 @@ import numpy as np
 from femsub.checks import Array, InputError, is_file, package, resolved
 
 DEEPEST = 9  # largest depth of nested includes
-MOST_INCLUDED = 1000  # files that a deck includes, one as often as it is included
-MOST_REPEATED = 100_000_000  # bytes of files that it included before
+MOST_INCLUDED = 1000  # files that a deck may include; a file counts each time
+MOST_REPEATED = 100_000_000  # bytes that a deck may include from files that it has included before
 _trusted: ContextVar[tuple[Path, ...]] = ContextVar("femsub_trusted", default=())
 _asked: ContextVar[list[Path] | None] = ContextVar("femsub_texts", default=None)
 
@@ -34,8 +34,10 @@ def texts_read() -> Iterator[list[Path]]:
 
 
 def text_of(path: Path, raw: bytes | None = None) -> str:
-    """The file's text, or that of its bytes given, with newlines only: UTF-8 or UTF-16 with or without a byte-order mark, else
-    Latin-1."""
+    """The text of a file, or of its content `raw`, with newlines only.
+
+    It is UTF-8 with or without a byte-order mark, UTF-16 with one, or else Latin-1.
+    """
     raw = path.read_bytes() if raw is None else raw
     if (asked := _asked.get()) is not None:
         asked.append(path)
@@ -59,8 +61,8 @@ def including(*folders: str | Path) -> Iterator[None]:
 class Deck:
     """A mesh file with the files that it includes.
 
-    It includes files from its own folder only, and from those of `including`. How many it includes is limited, and how much
-    comes from files that it has included before: each may include another several times, level by level.
+    It may include files from its own folder and from the folders of `including` only. The number of files is limited, and so are
+    the bytes from files that it has included before: each file may include another several times, level by level.
     """
 
     def __init__(self, path: Path) -> None:
@@ -68,12 +70,12 @@ class Deck:
         self.seen: set[Path] = set()
 
     def included(self, by: Path, name: str) -> tuple[Path, str]:
-        """The place and the text of a file that `by` names: beside it or, as for a program that runs there, beside the deck.
+        """The path and the text of a file that `by` includes: beside `by`, else beside the deck, where a solver would run.
 
         Raises
         ------
         InputError
-            It is not there, lies elsewhere, or is one too many.
+            The file does not exist, lies in another folder, or is one too many.
         """
         places = [folder / name for folder in dict.fromkeys((by.parent, self.path.parent))]
         place = next((place for place in places if name and is_file(place)), None)
@@ -122,10 +124,10 @@ def meshio() -> Any:
 
 def meshed(path: Path, numbers: Array, points: Array, blocks: Iterable[tuple[str, Array, Array]],
            node_sets: Mapping[str, Any] | None = None, cell_sets: Mapping[str, Any] | None = None, **more: Any) -> Any:
-    """A meshio.Mesh with `points_id` and `cells_id` of the tables of a file.
+    """A meshio.Mesh with `points_id` and `cells_id`, from the tables of a file.
 
-    The tables are numbers (n,) and places (n, 3) of nodes; kind, numbers (m,) and nodes (m, k) of elements by their numbers; the
-    numbers of the members of each set.
+    Nodes have `numbers` (n,) and `points` (n, 3). A block of elements has their kind, their numbers (m,) and the numbers of their
+    nodes (m, k). A set has the numbers of its members.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def as_numbers(what: str, data: str, kind: type = np.int64, commas: bool = False
     except (DeprecationWarning, ValueError):
         raise InputError(f"{what} are not all numbers") from None
     if kind is not float and len(values) and (values.max() > 10**17 or values.min() < -10**17):
-        raise InputError(f"{what} hold a number beyond all limits")  # where strtol ends
+        raise InputError(f"{what} hold a number beyond all limits")  # strtol has no larger ones
     return values
 
 
@@ -223,9 +225,9 @@ def once(path: Path, what: str, numbers: Array) -> Array:
 
 
 def without_copies(numbers: Array, values: Array) -> tuple[Array, list[str]]:
-    """The rows of nodes without those that say again what a row above them says, and a note of how many these are.
+    """The rows of nodes without repetitions of a row above them, and a note of the number of repetitions.
 
-    `values` (n, k) has what a file gives for each node; the same number with other values stays, for `once` to refuse.
+    `values` (n, k) are the data of each node. A row with the same number but other values stays: `once` refuses it.
     """
     order = np.argsort(numbers, kind="stable")
     again = (np.diff(numbers[order]) == 0) & (values[order][1:] == values[order][:-1]).all(axis=1)

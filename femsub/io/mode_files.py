@@ -18,18 +18,18 @@ from femsub.io.matrix_files import read_arrays
 from femsub.io.mesh_files import mesh_bytes, series_bytes
 from femsub.output import MODE_FILE, Moving
 
-MOST_BYTES = 1 << 26  # of a mode's file, unpacked: an order above what such a surface takes
+MOST_BYTES = 1 << 26  # largest size of a mode's file, unpacked: ten times the size of such a surface
 ARRAYS = ("points", "cells", "real", "imag")  # cells are lines or triangles
 
 
 def mode_file(mesh: Mesh, u: Array, title: str, eigenvalue: complex) -> dict[str, Writer]:
-    """The file of a complex shape u (nodes, 3) for a page, by its name; it is made when it is written."""
+    """{name: writer} for the file of a complex shape u (nodes, 3) that a page shows; the writer makes the content."""
     return {MODE_FILE: partial(_write, mesh, u, {"title": title, "eigenvalue": [eigenvalue.real, eigenvalue.imag],
                                                  "nodes": len(mesh.points)})}
 
 
 def motion_files(mesh: Mesh, shape: Array, omega: float, words: str, title: str, phases: int = 12) -> dict[str, Writer]:
-    """Re(u e^(iωt)) at so many `phases` of a period: a .pvd file, which ParaView animates, and the file of each phase in it."""
+    """Re(u e^(iωt)) at `phases` times of a period: a .pvd file, which ParaView animates, and a .vtu file for each time."""
     bare = Mesh(mesh.points, mesh.cells, mesh.kind)
     times = {f"{title}/phase-{k:02d}.vtu": 2 * np.pi * k / phases / omega for k in range(phases)}
 
@@ -44,7 +44,7 @@ def motion_files(mesh: Mesh, shape: Array, omega: float, words: str, title: str,
 
 
 def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -> Moving:
-    """A mesh's surface, or its lines, with at most so many nodes; the largest displacement is 1, at the phase 0.
+    """A mesh's surface, or its lines, with `most` nodes at most; the largest displacement is 1, at the phase 0.
 
     A browser redraws 12,000 nodes some 20 times a second.
     """
@@ -58,10 +58,10 @@ def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -
     points[:, :mesh.points.shape[1]] = mesh.points
     used, inverse = np.unique(cells, return_inverse=True)
     points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
-    # of a larger surface one point for each box of a grid, and the cells that join boxes: Rossignac and Borrel (1993)
+    # a larger surface gets one point for each box of a grid, and keeps the cells that join boxes: Rossignac and Borrel (1993)
     if len(points) > most:
         low, edge = points.min(axis=0), float(np.ptp(points, axis=0).max()) / most
-        while True:  # the boxes are as small as they can be, within a quarter
+        while True:  # find the smallest boxes that do, within a quarter
             at = ((points - low) / edge).astype(np.int64)
             boxes, box = np.unique(at @ np.array([1, most + 1, (most + 1) ** 2]), return_inverse=True)
             if len(boxes) <= most:
@@ -92,12 +92,12 @@ def _write(mesh: Mesh, u: Array, facts: Mapping[str, Any], file: BinaryIO) -> No
 
 
 def read_mode(path: Path, content: BinaryIO | None = None) -> Moving:
-    """What a mode's file holds, or such content of one that was not written yet.
+    """The mode in a file, or in `content` where the file is not written yet.
 
     Raises
     ------
     InputError
-        It is no such file.
+        The file does not hold a mode.
     """
     try:
         found = read_arrays(path, content, MOST_BYTES)

@@ -138,7 +138,7 @@ def write_op4(file: BinaryIO, op4: Any, parts: Mapping[str, Matrix]) -> None:
         path = folder / "model.op4"
         op4.write(str(path), dict(parts))
         whole = path.open("rb")
-    with whole:  # it can be read although its name is gone; errors are now those of the target
+    with whole:  # the file can be read although its name is gone; errors now come from the target
         shutil.copyfileobj(whole, file)
 
 
@@ -294,8 +294,8 @@ def _index(path: Path, folder: Path) -> dict[str, Any]:
                              "the file was changed. Write the model again, or read a file that you changed yourself by its own "
                              "name")
     if (known := about[HASHES].get(INDEX)) is not None and known != content_sum(INDEX, about):  # older folders have none
-        raise _damaged(path, "it has another content than femsub wrote, by its own sum. If you changed it, take "
-                             f"{INDEX!r} out of its {HASHES!r}; otherwise")
+        raise _damaged(path, "it has another content than femsub wrote, by its own sum (if you changed it, take "
+                             f"{INDEX!r} out of its {HASHES!r} instead)")
     return dict(about)
 
 

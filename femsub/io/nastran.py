@@ -26,7 +26,7 @@ BLANK = "-9"  # stands for a coordinate system that is not given: GRDSET may giv
 _HEXA20 = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # Nastran has the upright edges before those of the top
 _IHEX2 = [0, 2, 4, 6, 12, 14, 16, 18, 1, 3, 5, 7, 13, 15, 17, 19, 8, 9, 10, 11]  # around the bottom, upright edges, the top
 _WEDGE15 = [*range(9), 12, 13, 14, 9, 10, 11]
-#: card: kind of cell by number of nodes; a line's two nodes are followed by what orients it
+#: card: kind of cell by number of nodes; behind a line's two nodes stands its orientation
 _CELLS: dict[str, dict[int, str]] = {
     "CTETRA": {4: "tetra", 10: "tetra10"}, "CHEXA": {8: "hexahedron", 20: "hexahedron20"}, "CPENTA": {6: "wedge", 15: "wedge15"},
     "CPYRAM": {5: "pyramid", 13: "pyramid13"}, "CPYRA": {5: "pyramid", 13: "pyramid13"}, "CPYR": {5: "pyramid", 13: "pyramid13"},
@@ -48,7 +48,7 @@ _ORDER = {("CHEXA", 20): _HEXA20, ("CIHEX2", 20): _IHEX2, ("CPENTA", 15): _WEDGE
 _SKIPPED = re.compile(r"CONM[12]|CMASS\d|CELAS\d|CDAMP\d|CVISC|CONROD|CWELD|CFAST|CSEAM|CBEND|CHBDY.?|RBE\d|RBAR|RROD|RJOINT|"
                       r"PLOTEL|GENEL|CTRI(M6|AAX|ARG)|CTRAP(AX|RG)|CTRSHL|CTRPLT1|CTORDRG|CCONEAX|CIS2D8|CFLUID\d|CAXIF\d|CSLOT\d|"
                       r"CRIGD\w|CRROD|CELBOW|CBEAM3|CBUSH2D|CPLST[NS]\d")
-#: others that fill a volume or change what is given
+#: other elements that fill a volume, and cards that change the mesh: refused
 _REFUSED = re.compile(r"CIHEX\d|CHACAB|CHACBR|CHEXCZ|CPENTCZ|CIF\w+|CHEX[AP]\w+|CF(HEX\d|TETRA|WEDGE)|CQUADX\d?|CTRIAX|GRID[BFG]|"
                       r"SEBULK|SEELT|GMCORD|=.*|/.*|\*\(\d+\)")
 
@@ -99,7 +99,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
         filled = values[:, 2:] != 0
         count = np.where(filled.all(axis=1), filled.shape[1], filled.argmin(axis=1))
         whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
-        if name in ("CBUSH", "CBUSH1D", "CGAP"):  # to the ground
+        if name in ("CBUSH", "CBUSH1D", "CGAP"):  # those of one node lead to the ground
             values, filled, count = (part[count == 2] for part in (values, filled, count))
         wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (filled.sum(axis=1) != count))
         if len(wrong):
@@ -119,11 +119,10 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
 
 
 def bulk_of(path: Path) -> tuple[list[str], list[str], list[str], bool]:
-    """The lines of a file and those it includes from BEGIN BULK to ENDDATA, without comments; lines BEGIN ...; notes; and whether
-    ENDDATA is there.
+    """The bulk data of a file and its included files, as lines without comments; the BEGIN lines; notes; whether it has ENDDATA.
 
-    Before BEGIN BULK, included files are alterations of Nastran's solutions (DMAP), which stand where Nastran is: one that is not
-    there is noted.
+    The bulk data go from BEGIN BULK to ENDDATA. Files included before BEGIN BULK are alterations of Nastran's solutions (DMAP),
+    which lie in Nastran's own folder. A missing one is noted.
     """
     def named(name: str) -> str:
         return "".join(map(str.strip, name.strip().strip("'\"").split("\n")))
@@ -164,9 +163,9 @@ def _lost(lines: list[str]) -> str:
 
 
 def cards_in(path: Path, lines: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Each card: its name in capitals, and its fields behind the name, blanks as ''. BEGIN SUPER is one, with its number."""
+    """Each card: its name in capitals, and its fields behind the name, blanks as ''. BEGIN SUPER is a card with one field."""
     name, card, mark, wanted = "", list[str](), set[str](), False
-    marks, astray = set[str](), dict[str, str]()  # of lines that wait for a continuation; of continuations elsewhere
+    marks, astray = set[str](), dict[str, str]()  # marks of lines that wait for a continuation, and of continuations elsewhere
     for line in lines:
         if name.rstrip("_") not in KNOWN and name and line[:1] in ("+", "*") and "," in line and not line[1:8].strip():
             mark = set()
@@ -205,9 +204,9 @@ def cards_in(path: Path, lines: list[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
-    """The first field in capitals, four wide or eight small ones of data, and the last field of a line.
+    """The first field of a line in capitals, four wide or eight small fields of data, and the last field.
 
-    A comma makes all fields of a line free ones: then what should be its first field may hold others behind it.
+    A line with a comma has free fields only. Several words in the first field are refused: the fields are not separated.
     """
     name, *more = (line.partition(",")[0] if "," in line else line[:8]).upper().split() or [""]
     if more and more != ["*"] and (name.rstrip("*_") in KNOWN or (name[0] in "*+" and "," in line)):
@@ -226,7 +225,7 @@ def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
 
 
 def tables_of(path: Path, cards: Iterable[tuple[str, list[str]]]) -> tuple[dict[str, list[str]], Counter[str]]:
-    """The fields of each card that is read, between blanks, those that are blank as 0, by name; and how many others there are."""
+    """{name: the fields of each card, joined by blanks, blank ones as 0} of the cards that are read; and the counts of others."""
     tables, others = {name: list[str]() for name in _WIDTHS}, Counter[str]()
     for name, card in cards:
         known = name.rstrip("_")  # meshio's CHEXA_ is a CHEXA of 20 nodes
@@ -251,7 +250,7 @@ def tables_of(path: Path, cards: Iterable[tuple[str, list[str]]]) -> tuple[dict[
 
 
 def systems_of(path: Path, tables: Mapping[str, list[str]]) -> tuple[Systems, list[str]]:
-    """The points of the cards GRID, each once, with the coordinate systems of a file; and notes."""
+    """The coordinate systems of a file with the points of its GRID cards, each once; and notes."""
     if not tables["GRID"]:
         raise InputError(f"{path} has no GRID cards")
     if len(tables["GRDSET"]) > 1:
@@ -289,8 +288,8 @@ class Systems:
 
     `motions` (n,) has the system of each point's motions.
 
-    `by_nodes` has the three nodes of each CORD1, `by_points` system and three points (3, 3) of each CORD2; the z axis leads
-    from the first to the second, and the third lies in the half-plane of x and z. The shape is R, C or S.
+    `by_nodes` has shape (R, C or S) and three nodes of each CORD1, `by_points` shape, reference system and three points (3, 3) of
+    each CORD2. The z axis leads from the first point to the second. The third lies in the half-plane of x and z.
     """
 
     path: Path
@@ -300,7 +299,7 @@ class Systems:
     motions: Array
     by_nodes: Mapping[int, tuple[str, Array]]
     by_points: Mapping[int, tuple[str, int, Array]]
-    frames: dict[int, tuple[str, Array, Array] | None] = field(default_factory=dict)  # None while it is looked for
+    frames: dict[int, tuple[str, Array, Array] | None] = field(default_factory=dict)  # None while it is computed
 
     def basic(self, system: int, local: Array) -> Array:
         """Points (n, 3) of one system in the basic one; angles are in degrees."""

@@ -13,7 +13,7 @@ from femsub.io.damage import Cursor, assembled, check_extent, check_partners, ru
 from femsub.io.dmig import Entries, Form
 
 DMIG = (114, 1, 120)  # words with which a record of DMIG entries begins
-#: and those of a superelement's other records: the card, and of how many words one is (0: all are one list)
+#: words with which a superelement's other records begin: the card, and the number of words of each (0: the record is one list)
 CARDS = {(1627, 16, 463): ("EXTRN", 0), (5551, 49, 105): ("SPOINT", 0), (4501, 45, 1): ("GRID", 8),
          (4501, 45, 1120001): ("GRID", 11),
          (2101, 21, 8): ("CORD2R", 13), (2001, 20, 9): ("CORD2C", 13), (2201, 22, 10): ("CORD2S", 13)}
@@ -136,14 +136,14 @@ class _Blocks:
         return self._key() if self.cursor.place < self.cursor.end else 0
 
     def _parts(self, key: int) -> list[Array]:
-        """The records of a first key and of those behind it, up to a negative one."""
+        """The records of a first key and of the positive keys behind it."""
         parts = [self._data(key)]
         while (key := self._key()) > 0:
             parts.append(self._data(key))
         return parts
 
     def _data(self, key: int) -> Array:
-        """The record of so many words."""
+        """The next record, which must have `key` words."""
         data = self.cursor.record(self.length)
         if len(data) != key * self.bytes:
             raise self._wrong(f"a record of {len(data)} bytes, where {key} words should be")
@@ -160,7 +160,7 @@ class _Blocks:
         column, more = 0, 1
         while more > 0:
             while (key := self._key()) > 0:
-                data = self._data(key + 1)  # the row, and so many words of numbers
+                data = self._data(key + 1)  # the row, and `key` words of numbers
                 row = int(data[:self.bytes].view(self.word)[0]) - 1
                 count, rest = divmod(len(data) - self.bytes, size)
                 if rest or row < 0 or row + count > rows or column >= columns:

@@ -56,7 +56,7 @@ def read_op4(path: Path) -> dict[str, Matrix]:
             if name in found:
                 raise InputError(f"{path} holds two matrices called {name!r}. Give them different names")
             per = 1 if kind % 2 or source.wide else 2  # words per number
-            # sparse matrices of a negative number of rows are big; the head of a string has 16 bits for the row, theirs a word
+            # sparse matrices with a negative number of rows are big: a string's head has a word for the row, not 16 bits
             words_per_entry, rows, negative = per * (1 if kind < 3 else 2), abs(rows), rows < 0
             big = negative or rows >= 1 << 16
             last, packed, runs = 0, None, list[tuple[int, int, int]]()  # first row, column and count of entries

@@ -16,9 +16,9 @@ SHAPE = {"scene": str, "inputs": dict, "files": list, "versions": dict, "machine
 
 
 def results_of(path: Path, compared: bool = False) -> dict[str, Any] | None:
-    """What a results.json holds, with every key of `SHAPE`; None if it is no such file.
+    """The content of a results.json, with every key of `SHAPE`; None if the file is none.
 
-    `compared`: warns of another content than femsub wrote. Files of older versions have no sum of their own.
+    `compared`: warns if the content is not what femsub wrote. Files of older versions have no checksum of their own content.
     """
     if not path.is_file():
         return None

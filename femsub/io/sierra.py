@@ -13,7 +13,7 @@ from femsub.checks import Array, InputError, warn
 from femsub.io.abaqus_calculix import TextMatrix
 from femsub.io.damage import assembled, check_extent, check_room
 
-# ++ gives nothing back, so that what does not fit is refused in linear time
+# ++ does not backtrack, so that text that does not fit is refused in linear time
 NUMBER = rb"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?"
 MATRIX = re.compile(rb"\s*function a=(\w+)\(\)\s+NumRows = (\d{1,15});\s+a=\[\s+((?:\d{1,15} \d{1,15} " + NUMBER + rb";\s++)+)\]"
                     rb";?\s+a=sparse\(a\(:,1\),a\(:,2\),a\(:,3\),(\d{1,15}),(\d{1,15})\);\s+"
@@ -72,7 +72,7 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
 
 
 def _map(path: Path) -> Array:
-    """The vector of a map's file; 0 where it says nothing."""
+    """The vector of a map's file; 0 in places that the file does not list."""
     found = MAP.match(path.read_bytes())
     if not found:
         raise InputError(f"{path} is no map of Sierra/SD, 'x = zeros(n, 1)' and lines 'x(1) = 26;'; it may be cut short")
@@ -109,7 +109,7 @@ def read_cbr(path: Path) -> tuple[list[Array], Array, dict[int, list[float]]]:
         raise InputError(f"{path} is of netCDF 4. Convert it: nccopy -k classic {path.name} new.nc")
     if content[:3] != b"CDF":
         raise InputError(f"{path} is no netCDF file")
-    with netcdf_file(io.BytesIO(content), mmap=False) as found:  # of a file SciPy would take all memory that a wrong size asks
+    with netcdf_file(io.BytesIO(content), mmap=False) as found:  # from a file, SciPy would allocate any wrong size
         needed = ("Kr", "Mr", "cbmap", "node_num_map", "coordx", "coordy", "coordz")
         if missing := [name for name in needed if name not in found.variables]:
             raise InputError(f"{path} is no Craig-Bampton model of Sierra/SD: it has no {', '.join(missing)}")
@@ -117,7 +117,7 @@ def read_cbr(path: Path) -> tuple[list[Array], Array, dict[int, list[float]]]:
         parts = [np.asarray(one.data).tobytes() for one in found.variables.values() if not one.isrec]
         records = any(one.isrec for one in found.variables.values())
         D = np.array(found.variables["Cr"][:]) if "Cr" in found.variables else np.zeros_like(K)
-    # values fill up to four bytes
+    # values are filled up to a multiple of four bytes
     if not records and not any(part and content.endswith(part + bytes(-len(part) % 4)) for part in parts):
         warn(f"{path} does not end with the values of its last variable: bytes are lost or too many, and its numbers may be "
              "others. Write it again")

@@ -33,10 +33,10 @@ class Numbering(NamedTuple):
 PROGRAMS = {name: Numbering() for name in ("nastran", "dmig", "abaqus")} | {
     "calculix": Numbering(per_part=1_000, per_node=3, nodes=255), "exudyn": Numbering()}
 VALIDITY = "validity.json"
-LARGEST_ID = 99_999_999  # what eight columns hold
+LARGEST_ID = 99_999_999  # the largest number in eight columns
 DMIG = {"K": "KAAX", "M": "MAAX", "D": "BAAX", "H": "K4AAX"}
-CASE = {"K": "K2GG", "M": "M2GG", "D": "B2GG", "H": "K42GG"}  # the case control that takes them
-#: what EXTSEOUT writes into OP4 and in this order; matrices that a model does not have are a zero
+CASE = {"K": "K2GG", "M": "M2GG", "D": "B2GG", "H": "K42GG"}  # the commands of case control that take them
+#: the matrices that EXTSEOUT writes into OP4, in this order; a matrix that a model does not have is a single 0
 EXTSEOUT = ("kaa", "maa", "baa", "k4xx", "pa", "gpxx", "gdxx", "rvax", "va", "mug1", "mug1o", "mes1", "mes1o", "mee1", "mee1o",
             "mgpf", "mgpfo", "mef1", "mef1o", "mqg1", "mqg1o", "mqmg1", "mqmg1o")
 
@@ -57,9 +57,9 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         See the table.
     full : Substructure, optional
         The full model, for Exudyn: the inertia of a floating frame does not follow from M alone.
-
     number : int
-        Of the superelement, 1 to 999. The numbers of its scalar points begin with it, so that several go into one model.
+        Number of the superelement, 1 to 999. The numbers of its scalar points begin with it, so that one model may have several
+        superelements.
     recover : 'all' or sequence of int, optional
         The nodes whose motions the other program can recover, by their numbers in the full model's DOF map. By default none but
         the interface's, which are coordinates. Each motion costs r numbers: 60,000 with 28 coordinates are 100 MB of DMIG.
@@ -147,7 +147,7 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
 
 @dataclass(frozen=True)
 class Places:
-    """For each coordinate (node, direction from 1), 0 for a scalar point; coordinates of the boundary come first in `order`."""
+    """(node, direction from 1) of each coordinate, the direction of a scalar point being 0; `order` has the boundary first."""
 
     labels: Array  # (r, 2)
     order: Array  # (r,) ascending by node and direction, scalar points last
@@ -166,13 +166,13 @@ class Places:
         return found
 
     def scalars(self, boundary: bool | None = None) -> list[int]:
-        """All scalar points, or those of the boundary, which have the first numbers, or the others."""
+        """The numbers of all scalar points; only of those on the boundary, which come first, or only of the others."""
         return [int(self.labels[at, 0]) for at in self.order
                 if not self.labels[at, 1] and boundary in (None, bool(self.boundary[at]))]
 
 
 def _places(model: Substructure, number: int, numbering: Numbering) -> Places:
-    """Where each coordinate stands in the other program."""
+    """Node and direction of each coordinate in the other program."""
     per_part, per_node, _ = numbering
     if len(model.interface) != len(model.interface_numbers):
         raise InputError(f"the interface motions of {model.name!r} are no coordinates of the reduced model, and another "
@@ -235,7 +235,7 @@ def _ordered(model: Substructure, places: Places) -> dict[str, Array]:
 
 
 def _recovery(model: Substructure, places: Places, rows: Array) -> tuple[list[tuple[int, int]], Array]:
-    """(node, first row from 1) of MUG1, and it, (6 nodes, r): six rows for each node whose motions have directions."""
+    """(node, first row from 1) in MUG1, and MUG1 itself, (6 nodes, r): six rows for each node whose motions have directions."""
     if not isinstance(model, ReducedSubstructure) or model.full_dofs is None:
         return [], np.zeros((0, model.size))
     dofs = model.full_dofs
@@ -245,7 +245,7 @@ def _recovery(model: Substructure, places: Places, rows: Array) -> tuple[list[tu
     nodes, index = np.unique(dofs.nodes[rows], return_inverse=True)
     table = np.zeros((6 * len(nodes), model.size))
     table[6 * index + direction[rows]] = model.V[rows][:, places.order]
-    if not table.any():  # a matrix without entries is read by nobody
+    if not table.any():  # no program reads a matrix without entries
         return [], np.zeros((0, model.size))
     return [(int(node), 6 * at + 1) for at, node in enumerate(nodes)], table
 
@@ -277,7 +277,7 @@ def _head(model: Substructure, what: str) -> list[str]:
 
 
 def _placed(model: Substructure, places: Places) -> dict[int, Array]:
-    """The grids of the boundary; they need places."""
+    """The points of the boundary's grids; an error if there are no boundary DOF, or a grid has no point."""
     if not places.boundary.any():
         raise InputError(f"{model.name!r} has no interface, and Nastran joins a superelement by nothing else. Name interface DOF "
                          "before you reduce it, or write its matrices with write_matrices")
@@ -423,7 +423,7 @@ def _undamped(model: Substructure, program: str) -> None:
 
 
 def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[str, Writer]:
-    """What `ObjectFFRFreducedOrderInterface.LoadFromFile` of Exudyn takes, version 1 of its files."""
+    """The file that Exudyn's `ObjectFFRFreducedOrderInterface.LoadFromFile` reads, in version 1 of the format."""
     if not isinstance(model, ReducedSubstructure) or full is None or full.dofs is None or full.dofs.points is None:
         raise InputError("Exudyn needs a reduced model, and the full one, full=, with a DOF map with the places of its nodes")
     from scipy.linalg import eigh, null_space

@@ -25,7 +25,7 @@ from femsub.model import DofMap, ReducedSubstructure, Substructure, of_few_digit
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
-RIGID = 5e-10  # of the largest entry: forces that ten digits leave in rigid motion; a softer support counts as none
+RIGID = 5e-10  # forces in rigid motion due to ten digits, relative to the largest entry; a softer support counts as none
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
@@ -104,7 +104,7 @@ class _Deck:
     path: Path
     cards: list[tuple[str, list[str]]] = field(default_factory=list)
     supers: set[str] = field(default_factory=set)
-    named: int = 0  # points in lists so far
+    named: int = 0  # number of points in ranges so far
     program: str = "Nastran"
 
     def add(self, file: Path) -> None:
@@ -204,7 +204,7 @@ class _Deck:
 
 @dataclass(frozen=True)
 class _Raw:
-    """Matrices as the files have them, (grid, direction) of their rows, and motions that the superelement recovers."""
+    """Matrices as in the files, (grid, direction) of their rows, and the motions that the superelement recovers."""
 
     M: Array
     K: Array
@@ -217,7 +217,7 @@ class _Raw:
 
 
 def _pair(path: Path, matrices: Mapping[str, TextMatrix]) -> str:
-    """What follows K and M in the names of the superelement's matrices, as 'aa' in KAA and MAA."""
+    """The letters behind K and M in the names of the superelement's matrices, as 'aa' in KAA and MAA."""
     sizes = {name: item.matrix.shape[0] for name, item in matrices.items() if item.matrix.shape[0] == item.matrix.shape[1]}
     ends = [name[1:] for name in sizes if name[0] == "k" and sizes[name] == sizes.get(f"m{name[1:]}")]
     ends = [end for end in ends if sizes[f"k{end}"] > 1] or ends
@@ -323,7 +323,7 @@ def _assembled(deck: _Deck, raw: _Raw, name: str, cutoff: float | None) -> Reduc
     turn, labels = _turned(boundary, systems, cd, place)
     T = sp.block_diag([turn, sp.eye_array(len(order) - nb)], format="csr")
     K, M, *lossy = ((A + A.T) / 2 for A in (T.T @ part @ T for part in (K, M, H) if part is not None))
-    # recovered motions that are no boundary DOF, each once, and not those of grids that nothing moves
+    # recovered motions that are no boundary DOF, each once, without grids that do not move
     moved, seen, rows = (raw.recovery != 0).any(axis=1), set(boundary), list[int]()
     alive = {(grid, (direction - 1) // 3) for at, (grid, direction) in enumerate(raw.recovered) if moved[at]}
     for at, (grid, direction) in enumerate(raw.recovered):
@@ -370,10 +370,10 @@ def _map(nodes: list[int], labels: list[str], where: Array | None) -> DofMap:
 
 def _turned(dofs: list[tuple[int, int]], systems: Systems | None, cd: Mapping[int, int], place: Mapping[int, Array]
             ) -> tuple[Any, list[str]]:
-    """T, sparse (n, n), with u = T u_basic for motions u in the frames of their grids; and what the motions are called then.
+    """T, sparse (n, n), with u = T u_basic for motions u in the frames of their grids; and the names of the motions after that.
 
-    Three motions of a grid are turned together. Motions in a frame that is turned, of which one or two are missing, keep their
-    directions: they are called 'ux@10' after their frame, or 'ux@own' where the frame is not known.
+    The three translations, or rotations, of a grid are turned together. If one or two of them are missing in a turned frame, the
+    others keep their directions: they are called 'ux@10' after their frame, or 'ux@own' where the frame is not known.
     """
     n, labels = len(dofs), [""] * len(dofs)
     turned: list[tuple[Array, Any]] = []

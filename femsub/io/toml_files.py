@@ -16,12 +16,12 @@ NAME = re.compile(r"""[\w-]+|"[^"]*"|'[^']*'""")
 
 
 def parsed_toml(text: str, source: str) -> dict[str, Any]:
-    """A TOML file.
+    """The content of a TOML file.
 
     Raises
     ------
     InputError
-        It is none.
+        The text is no TOML.
     """
     try:
         return tomllib.loads(text)
@@ -98,12 +98,12 @@ def toml_key(key: str) -> str:
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """A table as a TOML file: keys first, then tables, those of a table of tables as [part.disc]. Deeper ones stand in braces."""
+    """A table as a TOML file: keys, then tables. A table in a table has a header as [part.disc]; deeper ones are in braces."""
     return "\n".join(_lines(table, 2)) + "\n"
 
 
 def _lines(table: Mapping[str, Any], deep: int, header: str = "") -> Iterator[str]:
-    """The lines of a table of which so many levels have headers."""
+    """The lines of a table; `deep` levels of the tables in it have headers."""
     known = {toml_key(key): value for key, value in table.items() if value is not None}
     listed = {key for key, value in known.items() if deep == 2 and isinstance(value, list) and value
               and all(isinstance(item, Mapping) for item in value)}

@@ -46,13 +46,13 @@ class Member(IntEnum):
 GROUPS = (2435, 2452, 2467, 2477)  # data sets of permanent groups, of different versions
 OF_MODES = (Sets.DATA_AT_NODES, Sets.FUNCTION, Sets.ANALYSIS_DATA)
 OF_MESHES = (*(kind for kind in Sets if kind not in OF_MODES), *GROUPS)
-BEAMS = (11, 21, 22, 23, 24)  # elements with a line more, of orientation and sections
-#: of the values of functions, by their type: what they are in binary, and how many numbers a value has
+BEAMS = (11, 21, 22, 23, 24)  # elements with an additional line, of orientation and sections
+#: by type of a function's values: their numbers in binary, and how many numbers a value has
 NUMBERS = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}
 #: the beginning of a binary data set: its number, then order of bytes, kind of numbers, lines of text and bytes behind them
 _BINARY = re.compile(rb"(?m)^([ \t]*)-1[ \t]*(\r?\n)[ \t]*(\d{1,4})b([ \t\d]*)\r?\n")
 _HEADS = {Sets.ELEMENTS: "an element", Sets.TRACE_LINES: "a trace line", **dict.fromkeys(GROUPS, "a group")}
-#: number of the element's type: kind, and at which of our nodes each of theirs is (they go around the bottom, up, around the top)
+#: number of the element's type: kind of cell, and the place in our order of each node in theirs (around the bottom, up, the top)
 _CELLS: dict[int, tuple[str, list[int]]] = {
     **dict.fromkeys((11, 21, 22, 23), ("line", [0, 1])), **dict.fromkeys((24,), ("line3", [0, 2, 1])),
     **dict.fromkeys((41, 51, 61, 81, 91), ("triangle", [0, 1, 2])),
@@ -71,7 +71,7 @@ def is_universal(head: bytes) -> bool:
 
 
 class DataSet(NamedTuple):
-    """The number of a data set, its lines, and what follows them if it is binary, with the order of its bytes, < or >."""
+    """The number of a data set, its lines, and the bytes behind them if it is binary, with their order, < or >."""
 
     kind: int
     lines: list[str]
@@ -129,7 +129,7 @@ def read_universal(path: Path) -> tuple[Any, list[str]]:
                                  f"{len(listed) / per:g}")
             if kind == Sets.ELEMENTS:
                 elements.setdefault(head[1], []).append((head[0], listed[:count]))
-            elif kind == Sets.TRACE_LINES:  # the pen is up before a node behind a 0
+            elif kind == Sets.TRACE_LINES:  # a 0 interrupts the line
                 traces.setdefault(name, []).extend([one, other] for one, other in pairwise(listed[:count])
                                                    if one and other and one != other)
             else:
@@ -184,8 +184,8 @@ def data_sets(path: Path) -> Iterator[DataSet]:
         start = head.end()
         for _ in range(min(words[2], 100) if len(words) > 3 else 0):
             start = raw.find(b"\n", start) + 1 or len(raw)
-        # the number of bytes that the head has; and that of a data set 58 by its count of values, since pyuff writes too small a
-        # number of bytes for complex values
+        # two numbers of bytes are tried: that in the head, and for a data set 58 that of its count of values, since pyuff writes
+        # too small a number for complex values
         sizes, size, counts = words[3:4], 0, (b"\n".join(raw[head.end():start].split(b"\n")[6:7]).split() + [b"0"] * 3)[:3]
         if sizes and all(re.fullmatch(rb"\d{1,12}", word) for word in counts):
             kind_, count, even = map(int, counts)
@@ -202,7 +202,7 @@ def data_sets(path: Path) -> Iterator[DataSet]:
     ends = [at for at, line in enumerate(lines) if line.strip() == "-1"]
     if len(ends) % 2 or not ends:
         raise InputError(f"{path} has a data set without its end, a line -1: it is cut short or damaged")
-    if stray := [at for at in range(ends[-1] + 1, len(lines)) if lines[at].strip(" \t\x1a\0")]:  # what fills up a file
+    if stray := [at for at in range(ends[-1] + 1, len(lines)) if lines[at].strip(" \t\x1a\0")]:  # these may fill up a file
         raise InputError(f"{path}, line {stray[0] + 1}: {lines[stray[0]].strip()!r:.40} is in no data set: the line -1 above it "
                          "ended the last one, and that of another is lost or damaged")
     for begin, end, before in zip(ends[::2], ends[1::2], [-1, *ends[1::2]], strict=False):
@@ -230,7 +230,7 @@ def _closes(raw: bytes, stop: int, indent: bytes, end: bytes) -> bool:
 
 
 def origin_of(sets: list[DataSet]) -> list[str]:
-    """The program that wrote the file (data set 151) and its units (164), in words."""
+    """The program that wrote the file (data set 151) and its units (164), as texts."""
     said = []
     for kind, lines, *_ in sets:
         if kind == Sets.HEADER and (names := [lines[at].strip() for at in (5, 2) if at < len(lines) and lines[at].strip()]):
