@@ -241,8 +241,8 @@ def _rows_apart(equations: Equations, rows: Array, columns: Array, size: Array |
     A = equations.A[rows][:, columns].toarray() * equations.unit[columns]
     found = row_space(A / (np.linalg.norm(A, axis=1) if size is None else size)[:, None], basis=size is None)
     if found.doubt:
-        warn(f"the parts' shapes fulfil an equation of the joints to {found.doubt:.0e} (relative) already: whether it is "
-             "redundant, or costs a mode, depends on rounding. Keep more modes, or join fewer DOF", ConditionWarning)
+        warn(f"the parts' shapes already fulfil an equation of the joints to {found.doubt:.0e} (relative). Rounding decides "
+             "whether it is redundant, or costs a mode. Keep more modes, or join fewer DOF", ConditionWarning)
     return found
 
 

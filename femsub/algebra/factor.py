@@ -93,7 +93,7 @@ def factorise(A: Matrix | Difference, kind: Kind) -> Handle:
     Raises
     ------
     SingularMatrixError
-        A is singular, or not definite although it was called so.
+        A is singular, or not positive definite although its kind says so.
     """
     A = Difference.of(A)
     if (small := _small(A)) is not None:

@@ -359,7 +359,7 @@ class Sum:
                 more = image(A, x)
                 more *= theta
                 found += more
-                del more  # before the next one
+                del more  # before the next product
         found *= self.unit.reshape(-1, *(1,) * (x.ndim - 1))
         return found
 

@@ -9,7 +9,7 @@ from femsub.checks import Array, Matrix
 
 
 def quotient(A: Matrix) -> tuple[Matrix, Array]:
-    """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and their sizes."""
+    """The graph whose nodes are runs of rows with the same pattern (the DOF of a mesh node), and the numbers of these rows."""
     n = A.shape[0]
     mark = sp.csr_array((np.ones(A.nnz), A.indices, A.indptr), shape=A.shape) @ np.random.default_rng(0).random(n)
     fresh = np.ones(n, dtype=bool)

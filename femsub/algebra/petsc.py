@@ -2,10 +2,11 @@
 
 Arrays and scipy matrices go in, arrays come out; no PETSc object leaves this file, and each is destroyed here.
 
-The matrix decides the factorisation: CHOLMOD for a positive definite one, MUMPS LDLᵀ for a symmetric one, MUMPS LU for any other.
-In a PETSc without CHOLMOD, MUMPS takes the positive definite ones too. Chains and beams are the exception: PETSc factorises them
-itself, from end to end. There it is as accurate as CHOLMOD, while MUMPS loses up to five digits (docs/performance.md).
-MUMPS reports no error for a singular matrix. So each of its factors is tested with a random right-hand side.
+The kind of the matrix decides the factorisation: CHOLMOD for positive definite matrices, MUMPS LDLᵀ for symmetric ones, MUMPS LU
+for all others. In a PETSc without CHOLMOD, MUMPS factorises positive definite matrices, too. Chains and beams are the exception:
+PETSc factorises them itself, from end to end. There it is as accurate as CHOLMOD, while MUMPS loses up to five digits
+(docs/performance.md). MUMPS reports no error for a singular matrix. So each of its factors is tested with a random right-hand
+side.
 """
 
 from __future__ import annotations
@@ -202,10 +203,9 @@ class SparseFactor:
     """A = L Lᵀ, L D Lᵀ or L U of a sparse A (n, n), made once; `solve` is A⁻¹B for B (n,) or (n, k).
 
     A factor that would not fit into memory goes to a disk (`goes_to_disk`). MUMPS reads it at each solve, which then takes twice
-    as long.
-    With keep=False only the signs of the pivots of L D Lᵀ are kept, which takes a quarter of the memory. probed=False leaves out
-    the test with a random right-hand side, for callers that need only these signs. `awaited` waits for the σ of K - σM; before
-    that, MUMPS finds the order of elimination.
+    as long. With keep=False only the signs of the pivots of L D Lᵀ are kept, which takes a quarter of the memory. probed=False
+    leaves out the test with a random right-hand side, for callers that need only these signs. `awaited` waits for the σ of
+    K - σM; before that, MUMPS finds the order of elimination.
 
     Raises
     ------
@@ -374,7 +374,7 @@ class SparseFactor:
     def negative_pivots(self) -> int:
         """The number of negative eigenvalues of a symmetric A (Sylvester's law of inertia)."""
         if self.kind != "symmetric":
-            raise InputError("the inertia is counted by a symmetric factorisation")
+            raise InputError("only a symmetric factorisation counts the inertia")
         return self._infog(12)
 
     @property

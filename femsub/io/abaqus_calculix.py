@@ -111,7 +111,7 @@ def _unfolded(path: Path, rows: Array, columns: Array, values: Array, size: int,
     below, above = int((rows > columns).sum()), int((rows < columns).sum())
     ones = sp.csr_array((np.ones(matrix.nnz), matrix.indices, matrix.indptr), shape=matrix.shape)
     paired = int(ones.multiply(ones.T).nnz) - int((rows == columns).sum()) if below and above else 0
-    # by node and DOF each pair may be in either order: Abaqus chooses which row comes first
+    # with node and DOF, each entry may be in either triangle: Abaqus chooses which row comes first
     if not paired and (not below or not above or labels is not None):
         _check_diagonal(path, rows, columns, size, labels)
         return mirrored(matrix)

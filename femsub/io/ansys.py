@@ -269,7 +269,7 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     if found["whole"] > len(found["at0"]):
         raise InputError(f"{path} holds {len(found['at0'])} of {found['whole']} nodes, of a distributed run: COMBINE its files")
     if not (np.isfinite(at).all() and at.min() >= 0 and np.isfinite(nodes).all()) or len(np.unique(numbers)) < len(numbers):
-        raise InputError(f"{path} has frequencies, places or numbers of nodes that cannot be; it may be damaged, write it again")
+        raise InputError(f"{path} has impossible frequencies, places or numbers of nodes; it may be damaged, write it again")
     place = {number: row for row, number in enumerate(numbers.tolist())}
     listed = found["at0"].tolist()
     if len(set(listed)) < len(listed) or not set(listed) <= place.keys():

@@ -171,7 +171,7 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
 
 
 def _without(sub: Substructure, empty: Array) -> Substructure:
-    """The component without these DOF; its interface and ports have no part in them."""
+    """The component without these DOF; an error if its interface or a port uses one of them."""
     def named(rows: Array) -> str:
         return f"{empty_dofs_text(len(rows), map(sub.dof_name, rows.tolist()))}, so drop_empty cannot leave "\
                f"{'them' if len(rows) > 1 else 'it'} out"

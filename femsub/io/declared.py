@@ -6,8 +6,8 @@
         modes: list[int] = key([10, 20], "numbers of modes to compare", least=0)
 
 `femsub keys`, `femsub new`, the JSON schema and the checks of values all read it from there. A subclass may declare a key anew
-with another default only: `length: float = 2.0`. A field without `key` in its class or one before is no key. A key may hold a
-table or a list of tables: its type is then a dataclass of this kind, or a list of one.
+with another default only: `length: float = 2.0`. A field that neither its class nor a base declares by `key` is no key. A key may
+hold a table or a list of tables: its type is then a dataclass of this kind, or a list of it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from femsub.io.faults import Faults, Place
 WORDS = {bool: ("true or false", "true or false"), int: ("a whole number", "whole numbers"), float: ("a number", "numbers"),
          str: ("a string", "strings")}
 RANGES = ("[lo, hi]", "[from, to]")
-HIGHEST = sys.float_info.max ** (1 / 3)  # end of a band
-HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # of a band, where the unit of time is the second
+HIGHEST = sys.float_info.max ** (1 / 3)  # limit for the upper end of a band
+HERTZ = re.compile(r"\s*(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(k?)Hz\s*")  # a frequency, where the unit of time is the second
 
 
 @dataclass(frozen=True)

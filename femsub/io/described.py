@@ -15,7 +15,7 @@ SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
 
 
 def first_line(kind: Any) -> str:
-    """The first sentence of a class's docstring."""
+    """The first paragraph of a class's docstring, in one line."""
     return inspect.cleandoc(kind.__doc__ or "").partition("\n\n")[0].replace("\n", " ")
 
 

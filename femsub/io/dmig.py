@@ -141,8 +141,8 @@ def dmig_of(path: Path, cards: list[tuple[str, list[str]]]) -> dict[str, TextMat
                 raise InputError(f"{path}: the card {card!r:.20} below {before} has a blank first field, as a continuation "
                                  "has: its * is damaged, and an entry would be lost")
             if card[:4] == "DMIG" or (fields[0].lower() in found and card not in OTHERS):
-                raise InputError(f"{path}: a card {card!r:.40} of {fields[0]!r:.20} is no DMIG, but names a matrix of it, or "
-                                 "begins like it. Mend its name, or remove a comma from its fields of fixed width")
+                raise InputError(f"{path}: the card {card!r:.40} of {fields[0]!r:.20} is no DMIG card, but begins like one, or "
+                                 "names a DMIG matrix. Correct its name, or remove a comma from its fields of fixed width")
             continue
         name = fields[0].lower()
         what = f"DMIG {fields[0]}"

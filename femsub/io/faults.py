@@ -60,7 +60,7 @@ class Faults:
 
 
 def spelt(place: Place) -> str:
-    """'part.disc.E', 'ask 3 (critical)'."""
+    """'part.disc.E', 'ask 3.between'."""
     words = ""
     for key in place:
         words += f" {key + 1}" if isinstance(key, int) else f".{key}" if words else str(key)

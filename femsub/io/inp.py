@@ -114,12 +114,12 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
             found.leave_out(what, "nodes", np.setdiff1d(listed, numbers))
             continue
         found.leave_out(what, "elements", np.setdiff1d(listed, known))
-        if not len(listed) or any(np.isin(part, listed).any() for _, part, _ in found.elements):  # else of skipped ones only
+        if not len(listed) or any(np.isin(part, listed).any() for _, part, _ in found.elements):  # else of skipped elements
             cell_sets[name] = listed
     mesh = meshed(path, numbers, points, found.elements, node_sets, cell_sets)
     notes = [f"{count} element{'s' * (count != 1)} of type {kind} skipped" for kind, count in found.skipped.items()] + found.notes
     if found.apart:
-        notes.append(f"what belongs to the assembly only skipped: {', '.join(sorted(found.apart))}")
+        notes.append(f"keywords that belong to the assembly only skipped: {', '.join(sorted(found.apart))}")
     return mesh, notes
 
 
@@ -180,7 +180,7 @@ class Contents:
         return points[rows_of(self.path, what, "node", numbers, wanted)]
 
     def members(self, sort: str, name: str, what: str) -> Array:
-        """Numbers in a set as it is now, ascending."""
+        """The numbers in a set as far as it has been read, ascending."""
         parts = self.sets.get((sort, name.upper()))
         if parts is None:
             raise InputError(f"{self.path}: {what} names the set {name!r}, which is not above it")
@@ -270,7 +270,7 @@ def _blocks(path: Path, notes: list[str]) -> Iterator[tuple[str, dict[str, str],
         near = get_close_matches(keyword.replace(" ", ""), _MESH, n=1, cutoff=0.8)
         if near and keyword not in _MESH:
             raise InputError(f"{path} has the unknown keyword *{keyword}; did you mean *{near[0]}?")
-        if keyword not in _MESH and not re.fullmatch("[A-Z][A-Z _-]{0,39}", keyword):  # longer than any, or with other signs
+        if keyword not in _MESH and not re.fullmatch("[A-Z][A-Z _-]{0,39}", keyword):  # too long, or with other signs
             notes.append(f"*{keyword:.20} is no keyword of Abaqus or CalculiX, left out with its lines: is it damaged?")
         # names of sets, and data of another file
         for name in re.findall(r'SET\s*=\s*"([^"]*)"', head, flags=re.IGNORECASE):
@@ -333,7 +333,7 @@ def _nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str)
                          "(coordinates that are left out at the end of a line are 0; a normal may follow; write 0.5, not 0,5)")
     if len(some):
         found.notes.append(f"{len(some)} node{'s have' if len(some) > 1 else ' has'} one or two direction cosines of a normal. A "
-                           "coordinate with a decimal comma (0,5) would look alike: check that it has none")
+                           "coordinate with a decimal comma (0,5) would look alike: check that the file has none")
     whole = whole_numbers(f"{path}: the numbers of nodes", table[:, 0])
     points = np.zeros((len(table), 3))
     points[:, :min(table.shape[1] - 1, 3)] = table[:, 1:4]
@@ -454,7 +454,7 @@ def _line_of_nodes(found: Contents, keyword: str, options: Mapping[str, str], da
 
 
 def _nodes_between(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
-    """Equal intervals from each node of one set to the node of another with the same index."""
+    """Nodes at equal intervals from each node of one set to the node of another set with the same index."""
     what = f"{found.path}: *NFILL"
     for line in filter(str.strip, data.split("\n")):
         first, last, *rest = (*_names(line), "", "")
@@ -515,7 +515,7 @@ def _unit(what: str, vector: Array) -> Array:
 
 
 def _mapped_nodes(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterable[Part]:
-    """Local coordinates, scaled, into the global system; a is the origin, and a, b and c lie in a plane.
+    """Turns local coordinates of nodes, scaled, into global ones; a is the origin, and a, b and c lie in a plane.
 
     RECTANGULAR: x from a to b, y towards c. CYLINDRICAL (r, θ in degrees, z): z from a to b, θ = 0 towards c.
     """
@@ -537,9 +537,9 @@ def _mapped_nodes(found: Contents, keyword: str, options: Mapping[str, str], dat
 
 
 def _rows_of_elements(found: Contents, keyword: str, options: Mapping[str, str], data: str) -> Iterator[Part]:
-    """Elements like a master, in rows, rows of rows and layers.
+    """Copies of a master element: along a row, in several rows, and in several layers.
 
-    Columns: master; count, step of nodes, step of elements along the row; the same three for rows; for layers.
+    Columns: master; count, step of nodes, step of elements along the row; the same three for rows, and for layers.
     """
     what = f"{found.path}: *ELGEN"
     for row in _rows(what, data, 10):

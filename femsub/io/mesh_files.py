@@ -48,8 +48,8 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     readers; meshio reads all other formats. Decks and universal files may have any name: their content shows which they are.
     Tables of what each reads, refuses and cannot detect stand at the readers: `femsub.io.inp.read_inp`,
     `femsub.io.nastran.read_nastran`, `femsub.io.cdb.read_cdb`, `femsub.io.gmsh.read_gmsh`, `femsub.io.universal.read_universal`,
-    `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define
-    sets. Coordinates are not converted; they are in the file's unit of length.
+    `femsub.io.foreign_meshes.read_tetgen` and `read_foreign`. Cells of lower dimension only define sets. Coordinates are not
+    converted; they are in the file's unit of length.
 
     ============================  =====================  ==============================================
     file                          sets of nodes          groups of cells

@@ -50,7 +50,7 @@ def text_of(path: Path, raw: bytes | None = None) -> str:
 
 @contextmanager
 def including(*folders: str | Path) -> Iterator[None]:
-    """Files of meshes that are read inside may include files from these folders, beside those from their own."""
+    """Inside, mesh files may include files from these folders, as well as from their own."""
     token = _trusted.set((*_trusted.get(), *map(resolved, folders)))
     try:
         yield

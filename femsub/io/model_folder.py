@@ -281,7 +281,7 @@ def _index(path: Path, folder: Path) -> dict[str, Any]:
                              f"{', '.join(sorted(about['files'])) or 'none'}")
     # the files it names
     named = {place.partition(":")[0] for place in about["files"].values()} | ({about["dofs"]} if "dofs" in about else set())
-    expected_of = {name: known for name, known in about[HASHES].items() if name != INDEX}  # its own is `content_sum`
+    expected_of = {name: known for name, known in about[HASHES].items() if name != INDEX}  # the index has `content_sum`
     if named != set(expected_of):
         raise _damaged(path, f"it has hashes of {', '.join(sorted(expected_of)) or 'no file'}, but names "
                              f"{', '.join(sorted(named))}")

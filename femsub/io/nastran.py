@@ -143,15 +143,15 @@ def bulk_of(path: Path) -> tuple[list[str], list[str], list[str], bool]:
     above, *behind = re.split(r"^[ \t]*ENDDATA\b", text, maxsplit=1, flags=re.MULTILINE | re.IGNORECASE)
     same, *below = "".join(behind).split("\n")
     if lost := same.strip(" \t,*") or _lost(below):
-        notes.append(f"ENDDATA is followed by {lost!r:.40}. Cards behind ENDDATA left out, as in Nastran: if it does not belong "
-                     "there, cards are missing")
+        notes.append(f"ENDDATA is followed by {lost!r:.40}. Cards behind ENDDATA left out, as in Nastran: if ENDDATA does not "
+                     "belong there, cards are missing")
     marks = list(re.finditer(r"^[ \t]*BEGIN[ \t]+(BULK|SUPER)\b[^\n]*", above, flags=re.MULTILINE | re.IGNORECASE))
     begins = [mark[0] for mark, after in zip(marks, [*marks[1:], None], strict=False)
               if after is None or above[mark.end():after.start()].strip()]
     bulks = [mark for mark in marks if mark[1].upper() == "BULK"]
     if bulks and (lost := _lost(above[:bulks[-1].start()].split("\n"))):
-        notes.append(f"{lost!r:.40} stands before BEGIN BULK. Cards before BEGIN BULK left out, as in Nastran: if it does not "
-                     "belong there, cards are missing")
+        notes.append(f"{lost!r:.40} stands before BEGIN BULK. Cards before BEGIN BULK left out, as in Nastran: if BEGIN BULK "
+                     "does not belong there, cards are missing")
     lines = above[bulks[-1].end() if bulks else 0:].split("\n")
     return [line for line in lines if line and not line.isspace()], begins, notes, bool(behind)
 

@@ -44,7 +44,7 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
     i, j = (table[:, at].astype(np.int64) - 1 for at in (0, 1))
     size = sizes.pop()
     if sizes or j.min() < 0 or (j > i).any() or i.max() >= size:
-        raise InputError(f"{path} is damaged: an entry above the diagonal or outside of {size} rows, or two numbers of rows")
+        raise InputError(f"{path} is damaged: it has an entry above the diagonal or beyond {size} rows, or two numbers of rows")
     check_extent(path, (size, size), len(table))
     if re.search(rb"\n\s*?\n", found[3].rstrip()):
         warn(f"{path} has an empty line among its entries, which Sierra/SD does not write: is an entry lost?")
@@ -52,8 +52,8 @@ def labelled_mfile(path: Path) -> dict[str, TextMatrix]:
         raise InputError(f"{path} has a number beyond all limits in row {int(i[~np.isfinite(table[:, 2])][0]) + 1}")
     matrix = assembled(str(path), i, j, table[:, 2], (size, size), np.positive)
     if len(bare := np.flatnonzero((matrix.diagonal() == 0) & (abs(matrix).sum(axis=1) > 0))):
-        warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have others, first {bare[0] + 1}: of a stiffness or "
-             "mass an entry is lost")
+        warn(f"{path} has no entry on the diagonal of {len(bare)} rows that have other entries, first in row {bare[0] + 1}: a "
+             "stiffness or mass has lost an entry")
     # node and direction of the rows, by the maps beside the file if they are there
     name = found[1].decode().lower()
     gid, places = (path.with_name(f"{path.stem.rpartition('_')[0]}_{what}.m") for what in ("gid", "ASetMap"))
@@ -119,8 +119,8 @@ def read_cbr(path: Path) -> tuple[list[Array], Array, dict[int, list[float]]]:
         D = np.array(found.variables["Cr"][:]) if "Cr" in found.variables else np.zeros_like(K)
     # values are filled up to a multiple of four bytes
     if not records and not any(part and content.endswith(part + bytes(-len(part) % 4)) for part in parts):
-        warn(f"{path} does not end with the values of its last variable: bytes are lost or too many, and its numbers may be "
-             "others. Write it again")
+        warn(f"{path} does not end with the values of its last variable: bytes are missing or too many, and its numbers may be "
+             "wrong. Write it again")
     n = len(K)
     if {A.shape for A in (K, M, D)} != {(n, n)} or rows.shape != (n, 2) or len({len(nodes), *map(len, where)}) != 1:
         raise InputError(f"{path} is damaged: Kr, Mr, Cr and cbmap, or nodes and places, are of different sizes")

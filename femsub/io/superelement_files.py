@@ -369,7 +369,7 @@ def _dmig_lines(name: str, form: int, matrix: Array, rows: list[list[int]], colu
 
 
 def _matrix_input(model: Substructure, places: Places, name: str, rows: Array, calculix: bool) -> dict[str, Writer]:
-    """Lines 'node,DOF,node,DOF,entry' of one triangle, and the deck that reads them."""
+    """Lines 'node,DOF,node,DOF,entry', of one triangle if the matrix is symmetric, and the deck that reads them."""
     matrices, most_nodes = _ordered(model, places), PROGRAMS["calculix"].nodes
     labels = places.labels[places.order].copy()
     labels[:, 1] = np.maximum(labels[:, 1], 1)  # a scalar point is the first DOF of a node of its own

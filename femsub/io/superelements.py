@@ -190,8 +190,8 @@ class _Deck:
             if fields[:2] == ["TUG1", "2"]:
                 for kind, grid, count, row in quadruples([word for word in fields[2:] if word and word != "ENDREC"]):
                     if kind.isdecimal() and kind not in ("1", "2"):
-                        warn(f"{self.path}: {card} TUG1 has a point of the kind {kind:.20}, and 1 are grids, 2 scalar points: "
-                             "its motions are left out. Is it damaged?")
+                        warn(f"{self.path}: {card} TUG1 has a point of the kind {kind:.20}, but kinds are 1 (grid) and 2 (scalar "
+                             "point): its motions are left out. Is it damaged?")
                     if kind == "1":
                         grid_, count_, row_ = (whole(self.path, f"{card} TUG1", text, 1) for text in (grid, count, row))
                         found.append((grid_, count_, row_))

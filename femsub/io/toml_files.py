@@ -63,7 +63,7 @@ def line_numbers(text: str) -> dict[tuple[Any, ...], int]:
 
 
 def _indexed(names: tuple[str, ...], counts: dict[tuple[str, ...], int]) -> tuple[Any, ...]:
-    """A header's names with the number of each array of tables behind its name."""
+    """A header's names; behind the name of an array of tables, the number of its last table so far."""
     place: tuple[Any, ...] = ()
     for at, name in enumerate(names, 1):
         place = (*place, name)

@@ -84,8 +84,7 @@ def columns_left() -> int:
 def is_fork_safe() -> bool:
     """Whether this process may be forked, and has a core for it.
 
-    A fork has only the thread that made it. Networks of clusters write into the memory of MPI processes; a fork would upset
-    this.
+    A fork has only the thread that made it. It would upset networks of clusters, which write into the memory of MPI processes.
     """
     return sys.platform == "linux" and current_thread() is main_thread() and "mpi4py.MPI" not in sys.modules and cores() > 1
 
@@ -140,7 +139,7 @@ class Divided:
 
     @property
     def left(self) -> int:
-        """How many columns are not found yet."""
+        """How many columns are not solved yet."""
         return sum(part.stop - part.start for part, done in zip(self._parts, self._done, strict=True) if not done)
 
     def busy(self) -> bool:
@@ -278,7 +277,7 @@ def serve() -> None:
 
 
 def completed(command: Sequence[str], seconds: float) -> subprocess.CompletedProcess[str] | None:
-    """A program that has run to its end, with its status and what it printed; None if it took longer, and was killed.
+    """The status and the output of a program that has run to its end; None if it took more than `seconds`, and was killed.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 from femsub.checks import InputError, no_room_error
 
-MEMORY = Path("/dev/shm")  # a folder in memory; on a disk, files would be written to it as well
+MEMORY = Path("/dev/shm")  # a folder in memory, whose files no disk has to store
 ALIVE = "alive"  # a file that is locked as long as a run lives
 
 

@@ -17,7 +17,7 @@ QUADRATIC = 2000  # DOF up to which LAPACK computes all 2n eigenvalues of a quad
 # DOF up to which a dense eigenproblem gets one thread. A second one gains little; beside other work it costs much: on two busy
 # cores 500 DOF took 35 s with two threads and 2 s with one
 FEW = QUADRATIC
-# dense multiplications below which BLAS gets one thread: a second one gains less than 0.1 s, and costs it beside other work.
+# dense multiplications below which BLAS gets one thread: a second one gains less than 0.1 s, and loses as much beside other work.
 # Sparse ones are bound by memory and take five times as long or more
 WORK = 1e8
 PATIENCE = 10.0  # seconds until the state of a process that does not answer is checked; many large factors take longer

@@ -61,7 +61,7 @@ def _trim() -> None:
 
 
 def available() -> float | None:
-    """Bytes that this process may still allocate, by the system's and its own limit; None if unknown."""
+    """Bytes that this process may still allocate, by the system's memory, its own limits and its groups'; None if unknown."""
     if _Reuse.depth:
         _trim()
     found = [] if (limit := left_of_limit()) is None else [limit]

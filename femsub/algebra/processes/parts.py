@@ -288,7 +288,7 @@ def _run(path: str, name: str) -> None:
             raise WorkerError(f"it cannot read {path}. All workers must see the temporary folder: set TMPDIR to one that all "
                               "machines share") from None
         if (free := available()) is not None and free < BASE / 4:
-            raise MemoryError(f"{free / 1e6:.0f} MB are left, with which a BLAS may wait for ever")
+            raise MemoryError(f"only {free / 1e6:.0f} MB are left: BLAS may wait for memory for ever")
         try:
             with one_thread(True), warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always")

@@ -20,12 +20,12 @@ import numpy as np
 
 from femsub.checks import Array, InputError, hash_of, no_room_error, parsing, unlike
 
-PICKLE = "pickle"  # a file with all but the arrays, and behind it its SHA-256
+PICKLE = "pickle"  # a file with all but the arrays, which ends with the SHA-256 of its content
 Files: TypeAlias = Mapping[str, tuple[int, str]]  # size and hash by name
 
 
 class DamagedFileError(InputError):
-    """A file is not the one that was written in its place."""
+    """A file is not what was written in its place."""
 
 
 def bytes_of(thing: Any, name: str) -> int:

@@ -28,7 +28,7 @@ def set_unless_given(values: Mapping[str, str]) -> None:
 
 @contextmanager
 def environment_of_workers() -> Iterator[None]:
-    """The environment that other processes of femsub start in."""
+    """Inside, the environment is the one in which other processes of femsub start."""
     before = dict(os.environ)
     for name in [name for name in before if name.startswith(LAUNCHER)]:
         del os.environ[name]
