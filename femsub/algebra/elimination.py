@@ -29,7 +29,7 @@ class Equations:
     owner : ndarray of int, shape (m,)
         The number of the joint that each equation belongs to, for messages.
     size : sparse, shape (m, n)
-        The sum of the magnitudes of the terms of each entry. An entry that is rounding beside it is what a cancellation left.
+        The sum of the magnitudes of the terms of each entry. An entry that is rounding beside this sum is left of a cancellation.
         `eliminate` sets and updates it.
     """
 
@@ -103,7 +103,8 @@ def eliminate(equations: Equations, refuse: Callable[[Array, int, int], None], p
         Called with the owners of equations that leave their coordinates no motion, and the numbers of these equations and
         coordinates. It raises the error.
     pivot : float
-        An equation is solved for a DOF only if its entry, relative to the largest one, exceeds this. Lever arms may be in mm.
+        An equation is solved for a DOF only if its entry, relative to the largest one, exceeds this. The default allows for lever
+        arms in mm.
     spread : float
         The same for a generalised coordinate, in units of energy. A tenth is the usual threshold of sparse LU.
 

@@ -41,7 +41,7 @@ class Frozen:
 
 
 def frozen(value: Any) -> Any:
-    """The value, read-only: an array or matrix (also in a tuple) is locked itself, a mapping is copied; others are unchanged."""
+    """The value, read-only: an array or matrix (also in a tuple) is locked, a mapping becomes a view of a copy, others stay."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif sp.issparse(value):

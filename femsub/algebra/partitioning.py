@@ -69,6 +69,6 @@ def in_one_piece(graph: Matrix, part: Array) -> Array:
 
 
 def runs(A: Matrix) -> Array:
-    """The number of each row's run, (n,), in A (n, n): successive rows of one pattern, as those of a mesh node, are a run."""
+    """The number of each row's run, (n,), in A (n, n). A run is successive rows of one pattern, as the DOF of a mesh node."""
     _, sizes = quotient(sp.csr_array(A))
     return np.repeat(np.arange(len(sizes)), sizes.astype(int))

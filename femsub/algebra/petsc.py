@@ -379,7 +379,7 @@ class SparseFactor:
 
     @property
     def fill(self) -> float:
-        """Nonzeros of L per row: what a solve has to read."""
+        """Nonzeros of L per row, all of which a solve reads."""
         return self._nonzeros / self.size
 
     @property

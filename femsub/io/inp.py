@@ -57,7 +57,7 @@ def read_inp(path: Path) -> tuple[Any, list[str]]:
     refuses         several parts or instances, one that is moved, \\*SYSTEM, nodes in cylindrical coordinates; other options
                     of what is read; \\*IMPERFECTION, \\*IMPORT, \\*MODEL CHANGE, \\*REFINE MESH, \\*PARAMETER, \\*SYMMETRIC MODEL
                     GENERATION; nearly known keywords; elements given twice, nodes at two places; elements that fill a volume
-                    and are none of ours; a last line that does not end
+                    and are not supported; a last line that does not end
     cannot know     whether lines are missing between two keywords or at the end: the format counts nothing. A number in a
                     list of a set is a node or element, a set called 7 needs quotes there
     ==============  ==========================================================================================================
@@ -214,7 +214,7 @@ class Contents:
 
 
 def _rows(what: str, data: str, width: int, kind: type = np.int64, lines: int = 0) -> Array:
-    """The numbers of each line, (lines, width), missing ones as 0. With `lines`, there are so many rows, and no more lines."""
+    """The numbers of each line, (lines, width), missing ones as 0. `lines` sets the number of rows; more lines are an error."""
     values, counts = fields(f"{what}: its data", data, kind)
     if counts.max(initial=0) > width or len(counts) > lines > 0:
         raise InputError(f"{what} takes {lines or 'any'} lines of up to {width} numbers, not {len(counts)} of {counts.max()}")

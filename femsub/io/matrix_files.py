@@ -70,7 +70,7 @@ def read_matrix(path: str | Path, variable: str | None = None) -> Matrix:
     Raises
     ------
     InputError
-        No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and none named.
+        No such file, an unknown suffix, a file that is cut short or not what its suffix says, several matrices and no `variable`.
     MissingPackageError
         MATLAB 7.3 without h5py.
 

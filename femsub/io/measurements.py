@@ -45,7 +45,7 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
                          the last line of text behind the announced values
     it refuses           a pair of response and load that is missing, different frequencies, other quantities, real values,
                          NaN, a data set without an end, fewer or more values than it says
-    it cannot know       the units of the numbers: they must be those of the other parts. The directions are those of each
+    it cannot know       the units of the numbers: they must be the units of the other parts. The directions are those of each
                          node's own frame. What data of the types 0 (unknown) and 1 (general) are: state it
     ===================  =======================================================================================
 

@@ -72,12 +72,12 @@ def read_mesh(path: str | Path, *, kind: str | None = None, name: str | None = N
     name : str, optional
         Default: the file's name without suffix.
     includes : str or Path, optional
-        Another folder from which .inp and Nastran files may include files. By default it is their own folder alone.
+        Another folder from which .inp and Nastran files may include files. By default they may only use their own folder.
 
     Returns
     -------
     Mesh
-        `numbers` are the file's node numbers for .inp, .bdf, .cdb, .unv and femsub's VTU; else they count from 1 in its order.
+        `numbers` are the file's node numbers for .inp, .bdf, .cdb, .unv and femsub's VTU; else nodes are numbered from 1 on.
         `repairs` lists repairs and anything unusual.
 
     Raises

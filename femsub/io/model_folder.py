@@ -36,7 +36,7 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
     model : Substructure
         Full or reduced.
     format : str
-        'mtx' (Matrix Market, 17 digits) and 'npz' (SciPy; .npy for dense ones) have a file for each matrix; 'mat' (MATLAB)
+        'mtx' (Matrix Market, 17 digits) and 'npz' (SciPy; .npy if dense) have a file for each matrix; 'mat' (MATLAB)
         has M, D, K, V, ports and interface (counted from 1) in model.mat, 'op4' (Nastran) M, D, K, V and ports in model.op4.
 
     Returns

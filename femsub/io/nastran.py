@@ -99,7 +99,7 @@ def read_nastran(path: Path) -> tuple[Any, list[str]]:
         filled = values[:, 2:] != 0
         count = np.where(filled.all(axis=1), filled.shape[1], filled.argmin(axis=1))
         whole_numbers(f"{path}: the numbers of {name}", values[:, 0])
-        if name in ("CBUSH", "CBUSH1D", "CGAP"):  # those of one node lead to the ground
+        if name in ("CBUSH", "CBUSH1D", "CGAP"):  # with one node they lead to the ground
             values, filled, count = (part[count == 2] for part in (values, filled, count))
         wrong = np.flatnonzero(~np.isin(count, list(_CELLS[name])) | (filled.sum(axis=1) != count))
         if len(wrong):
@@ -206,7 +206,8 @@ def cards_in(path: Path, lines: list[str]) -> Iterator[tuple[str, list[str]]]:
 def _fields(path: Path, line: str) -> tuple[str, list[str], str]:
     """The first field of a line in capitals, four wide or eight small fields of data, and the last field.
 
-    A line with a comma has free fields only. Several words in the first field are refused: the fields are not separated.
+    A line with a comma has free fields only. Several words in the first field of a card that is read are refused: its fields are
+    not separated.
     """
     name, *more = (line.partition(",")[0] if "," in line else line[:8]).upper().split() or [""]
     if more and more != ["*"] and (name.rstrip("*_") in KNOWN or (name[0] in "*+" and "," in line)):

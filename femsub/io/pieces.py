@@ -37,11 +37,11 @@ class Piece:
     Attributes
     ----------
     path : Path
-        The mesh, in any format of `read_mesh`. Sets with a '+' in their name are those that other pieces share.
+        The mesh, in any format of `read_mesh`. Sets with a '+' in their name are shared with other pieces.
     build : function
         `solid`, `plate`, or a function of your own with their keywords.
     arguments : mapping
-        For `build`. Of supports, interface and ports, those whose sets the mesh lacks are left out.
+        Keywords for `build`. Supports, interface and ports whose sets the mesh lacks are left out.
     content : str
         A hash of the file, so that a run on other pieces of the same name does not take them for these.
     """

@@ -1,4 +1,4 @@
-"""results.json: what a run has written, read back with every key that femsub reads."""
+"""The results.json that a run has written, read back with every key that femsub reads."""
 
 from __future__ import annotations
 

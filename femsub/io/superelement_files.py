@@ -50,9 +50,9 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     folder : str or Path
         Created if it does not exist.
     model : ReducedSubstructure or Substructure
-        Its interface motions must be coordinates, as those of `CraigBampton` are. Those that a DOF map calls 'ux', ..., 'rz'
-        become DOF of their nodes, all others scalar points or nodes of their own. Of a model that is not reduced all coordinates
-        are boundary. For Nastran there must be one.
+        Its interface motions must be coordinates, as with `CraigBampton`. Coordinates that a DOF map calls 'ux', ..., 'rz' become
+        DOF of their nodes, all others scalar points or nodes of their own. In a model that is not reduced, all coordinates are
+        boundary. Nastran needs an interface.
     program : str
         See the table.
     full : Substructure, optional
@@ -61,13 +61,13 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         Number of the superelement, 1 to 999. The numbers of its scalar points begin with it, so that one model may have several
         superelements.
     recover : 'all' or sequence of int, optional
-        The nodes whose motions the other program can recover, by their numbers in the full model's DOF map. By default none but
-        the interface's, which are coordinates. Each motion costs r numbers: 60,000 with 28 coordinates are 100 MB of DMIG.
+        The nodes whose motions the other program can recover, by their numbers in the full model's DOF map. By default only the
+        nodes of the interface. Each motion costs r numbers: 60,000 motions with 28 coordinates take 100 MB of DMIG.
 
     Returns
     -------
     list of Path
-        The files written. Beside those of the table there is always validity.json: the cut-off, the estimate of the error,
+        The files written. Beside the files of the table there is always validity.json: the cut-off, the estimate of the error,
         what is recovered, and node, direction and kind of each coordinate. For Abaqus and CalculiX with `recover`, recovery.mtx
         has the rows of V and dofs.csv names them.
 
@@ -83,16 +83,17 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
     exudyn       NAME.npz                                             `ObjectFFRFreducedOrderInterface`
     ===========  ==================================================  =========================================
 
-    NAME is the model's name with '_' for whatever is no letter or digit. Damping D is BAA, BAAX (B2GG) or D.mtx. Structural
-    damping H is K4XX, K4AAX (K42GG) or H.mtx. CalculiX and Exudyn have no matrix for them. CalculiX takes at most 255 nodes.
-    Exudyn gets the elastic modes Ψ = V Φ of the model, with the shape integrals of Zwölfer and Gerstmayr (2020) over the full
-    mass; its file has all motions. `read_component` reads the files for Nastran back, `read_matrix` those of Abaqus and CalculiX.
+    NAME is the model's name with '_' in place of signs that are no letter or digit. Damping D is BAA, BAAX (B2GG) or D.mtx.
+    Structural damping H is K4XX, K4AAX (K42GG) or H.mtx. CalculiX and Exudyn have no matrix for them. CalculiX takes at most 255
+    nodes. Exudyn gets the elastic modes Ψ = V Φ of the model, with the shape integrals of Zwölfer and Gerstmayr (2020) over the
+    full mass. Its file recovers all motions. `read_component` reads the files for Nastran back, `read_matrix` the matrices for
+    Abaqus and CalculiX.
 
     Raises
     ------
     InputError
-        An unknown program, an interface that is not coordinates or, for Nastran, none, a node to recover that the model does not
-        have, more than a format can hold, a folder that cannot be written.
+        An unknown program; interface motions that are not coordinates; for Nastran, no interface; a node to recover that the
+        model does not have; more than a format can hold; a folder that cannot be written.
     MissingPackageError
         'nastran' without pyyeti.
 

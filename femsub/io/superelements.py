@@ -25,7 +25,7 @@ from femsub.model import DofMap, ReducedSubstructure, Substructure, of_few_digit
 NETCDF = (".nc", ".nc4")  # of Sierra/SD
 ENDINGS = (".op4", ".op2", ".asm", ".pch", ".bdf", ".nas", ".dat", *NETCDF)
 BOUNDARY = "boundary"  # the name of the set of all boundary DOF
-RIGID = 5e-10  # forces in rigid motion due to ten digits, relative to the largest entry; a softer support counts as none
+RIGID = 5e-10  # relative to the largest entry, forces that ten digits leave in rigid motion; a softer support counts as none
 
 
 def read_superelement(path: Path, name: str | None, cutoff: float | None) -> ReducedSubstructure:
