@@ -1,8 +1,8 @@
 """The proof of a count for all values of parameters in a cell at once.
 
 In the setting of `energy_basis`, P(s; θ) = P(s; θ_c) + E, E = Σ_q ε_q s^k T_q with |ε_q| ≤ δ_q, each T_q a whole term,
-unsymmetric or not. The polar decompositions T_qV = W|T_qV| and T_qᵀV = Z|T_qᵀV| in the norm of A give Q_R = |T_qV|^½ and Q_L =
-|T_qᵀV|^½, (m, r). With these the blocks of T_q, inside and outside U, are
+unsymmetric or not. The polar decompositions T_qV = W|T_qV| and T_qᵀV = Z|T_qᵀV| in the norm of A give Q_R = |T_qV|^½ and
+Q_L = |T_qᵀV|^½, (m, r). With these the blocks of T_q, inside and outside U, are
 
     T_UU = Q_L C Q_Rᵀ,   T_LU = B_R Q_Rᵀ,   T_UL = Q_L B_Lᵀ,   ‖C‖ ≤ 1
 
@@ -11,8 +11,8 @@ Q_R, Q_L and B, E has blocks of this form with some ‖C‖ ≤ 1. Singular valu
 by one: columns √ρ I stand for all of them.
 
 At θ_c, P_U⁻¹ = XZᴴ + T_f. XZᴴ has the eigenpairs near the contour, with 1/√(λ_k - s) in both x_k and z_k. T_f is the sum over all
-other pairs, whose terms largely cancel. If P(s; θ)(u, y) = 0 with u = Xg + T_f v, let p = Q_RᵀT_f v, R' = P_LU + E_LU and L' =
-P_UL + E_UL. Then
+other pairs, whose terms largely cancel. If P(s; θ)(u, y) = 0 with u = Xg + T_f v, let p = Q_RᵀT_f v, R' = P_LU + E_LU and
+L' = P_UL + E_UL. Then
 
     g = (ZᴴET_fEX - ZᴴEX) g + ZᴴET_fQ_L C p + (ZᴴET_f - Zᴴ) L' y
     p = -Q_RᵀT_f (EX g + Q_L C p + L' y)

@@ -209,8 +209,8 @@ def by_inertia(pencil: Pencil, radius: float) -> Count | None:
 
     A rotating part has a skew D and a positive definite K. All its eigenvalues are imaginary, λ = iω. The quadratic form of the
     Hermitian P(iω) is k + ωg - ω²m with k > 0. It changes sign once as ω grows, so the number of negative eigenvalues of P(iR) is
-    the number of ω below R (P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966). The real matrix [[A, -RD], [RD, A]], A =
-    K - R²M, has twice as many negative eigenvalues.
+    the number of ω below R (P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966). The real matrix [[A, -RD], [RD, A]],
+    A = K - R²M, has twice as many negative eigenvalues.
     """
     simple = proportional(pencil, pencil.D) if all(pencil.symmetric) else None
     plain = simple is not None and not simple[2].shape[1] and abs(simple[0]) < radius / 2 and abs(simple[1]) * radius < 0.5
