@@ -492,7 +492,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     if rounding.max(initial=0.0) > 0.1:  # ω, its root, keeps one digit
         worst = float(rounding.max())
         warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative {worst:.0e}: its "
-             f"energy is {handle.unit / worst:.0e} of that of the forces that cancel in it. "
+             f"energy is {handle.unit / worst:.0e} of the terms that cancel in it. "
              + ("Make softly connected pieces the parts of a system (couple, Spring), use larger elements, or stiffer "
                 "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),

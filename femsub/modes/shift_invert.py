@@ -152,9 +152,9 @@ class ShiftInvert:
                     except SingularMatrixError as error:
                         few = ", ".join(f"{share:.0e}" for share in self.shares[:7])
                         raise SingularMatrixError(
-                            "K is numerically singular, but no rigid-body modes were found: its softest motions have an energy "
-                            f"of {few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no "
-                            f"gap shows which are rigid. {IN_PARTS} ({error})") from None
+                            "K is numerically singular, but no rigid-body modes were found. The energies of its softest motions, "
+                            f"relative to the terms that cancel in them, are {few}. The rounding of K is {self.unit:.0e}, and no "
+                            f"gap shows which motions are rigid. {IN_PARTS} ({error})") from None
         return self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt
 
     def _lowest_given(self) -> float:
@@ -165,7 +165,7 @@ class ShiftInvert:
         lowest = self.lowest_elastic()
         if lowest < 0:
             why = ("Check that K belongs to a stable component, and that its file holds all digits" if self.doubt < 1 else
-                   "It is rounding in the entries of K, which hides an elastic mode")
+                   "Rounding in the entries of K hides an elastic mode")
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {lowest:.3g}, beside its rigid motion. {why}")
         return lowest
 
@@ -298,8 +298,8 @@ class ShiftInvert:
             why = f"too large for rounding{_known(self.unit)}" if share > self.unit else \
                 f"as rounding{_known(self.unit)} may make it, but the next modes are too near to show which are rigid motion"
             raise SingularMatrixError(
-                f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
-                f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
+                f"K has a negative eigenvalue, ω² = {rest.min():.3g}: its energy is {share:.1e} of the terms that cancel in "
+                f"it, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
         self.doubt = self.unit / float(self.shares[count]) if count < len(values) and self.shares[count] else 0.0
         self.note = self._warning(values, count)
         if not len(rest) and self.elastic > 0:
@@ -327,7 +327,7 @@ class ShiftInvert:
         beyond = f"the next mode lies at ω = {omega[count]:.5g}" if count < len(omega) else "no other mode is known so far"
         return (f"{count} modes are taken as rigid-body motion, although K gives them ω up to {omega[:count].max():.3g} rad/time "
                 f"(ω² of either sign: {values[:count].min():.2g} to {values[:count].max():.2g}). Their energy is at most "
-                f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
+                f"{cost:.0e} of the terms that cancel in it, within rounding{_known(self.unit)}, "
                 f"and {beyond}. Use fewer elements, or write K with all digits (17), to be sure; a support as soft "
                 "as that looks like rounding")
 

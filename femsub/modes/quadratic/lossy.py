@@ -115,7 +115,7 @@ class LossyPencil(Pencil):
         if doubt:
             one = np.append(values[np.setdiff1d(axis, at)], real[nearly])[0].real
             warn(f"{doubt} eigenvalues lie so near to the real axis that rounding decides whether structural damping makes them "
-                 f"oscillate, one at {one:.4g}. Some may be missing, or listed though they are none", ConditionWarning)
+                 f"oscillate, one at {one:.4g}. Some may be missing, or listed though they are no eigenvalues", ConditionWarning)
         pairs = [np.stack([part, part.conj()], axis=-1).reshape(*part.shape[:-1], -1)
                  for part in (values[up], X[:, up], Y[:, up])]
         found, X_all, Y_all = (np.concatenate([pair, part[..., still]], axis=-1)

@@ -316,7 +316,8 @@ class Projection(EnergyBasis):
             for q in np.flatnonzero(self.half):  # the loss of c by each change
                 others = self.changed(self.theta, np.where(np.arange(len(self.half)) == q, 0.0, self.half))
                 self.blamed[q] = others.least - c
-            self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - c:.2g}"
+            self.why = ("inertia, damping and gyroscopic forces of shapes outside the basis may reach "
+                        f"{1 - c:.2g} times their stiffness")
             return None
         if not self.size:
             self.why = "it has no shape besides rigid motion"
@@ -341,7 +342,8 @@ class Projection(EnergyBasis):
                 self.counted, small.contour = small, contour
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
                 return Count(contour, int(np.count_nonzero(contour.encloses(values))), values, self.size, margin)
-            self.why = f"on {self.size} shapes the bound of what they leave out is {margin:.2g}{place}, but must be below {SAFE}"
+            self.why = (f"with {self.size} shapes the bound of the truncation error is {margin:.2g}{place}, but it must be below "
+                        f"{SAFE}")
             if self.size > self.most:
                 self.why += f", and {self.most} shapes are the limit"
                 break

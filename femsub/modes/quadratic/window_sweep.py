@@ -109,7 +109,8 @@ class WindowSweep(Sweep):
         self.most = 1.02 * max(map(abs, between))
         widest = projection.changed(np.abs(self.weights) * self.most)
         if (c := widest.least) <= 0:
-            raise NotConvergedError(f"the parameter may outweigh the stiffness of other shapes by {1 - c:.2g}")
+            raise NotConvergedError(f"for some value of the parameter, forces of shapes outside the basis may reach "
+                                    f"{1 - c:.2g} times their stiffness")
         self.c = 0.9 * c  # a tenth is reserved for complex ε
         self.signs = np.array([term.sign for term in self.terms])
         grows = 0.0  # Σ |s^k| g
