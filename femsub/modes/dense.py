@@ -95,7 +95,7 @@ def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array, ne
             unit = 2.0 ** np.rint(np.log2(_units(K, M, np.array([sigma]))[:, 0]))
             A, b = K - sigma * M, unit[:, None] * (M @ x)
             U = sp.diags_array(unit)
-            try:  # an A that is nearly singular is what inverse iteration needs
+            try:  # inverse iteration needs an A that is nearly singular
                 y = splu(sp.csc_array(U @ A @ U)).solve(b) if sp.issparse(A) else np.linalg.solve(unit[:, None] * A * unit, b)
             except (RuntimeError, np.linalg.LinAlgError):
                 break

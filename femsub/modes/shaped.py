@@ -31,7 +31,7 @@ class Shaped(Displayed):
 
     def plot_shapes(self, model: Substructure, meshes: Mesh | Mapping[str, Mesh], modes: Sequence[int] | None = None, *,
                     title: str = "", units: Any = "", window: bool = False) -> Any:
-        """A figure of shapes on their meshes, scaled to a largest displacement of 1, complex shapes at the phase of that one.
+        """A figure of shapes on their meshes, largest displacement 1; complex shapes at the phase of that displacement.
 
         Parameters
         ----------

@@ -99,7 +99,7 @@ class ShiftInvert:
         self.unit: float
         self.note: str  # the warning about modes that are rigid only within the rounding of K's entries
         self.exact: int  # number of rigid-body modes, the first ones, that are known without rounding
-        self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if none was sought
+        self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if not searched
         (self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt) = shared(
             *key, self._found, lambda found: found[1].nbytes)
         if self.note:

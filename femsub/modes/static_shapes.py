@@ -20,7 +20,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     handle : K and M
     rest : Ψ, the response to `forces` without the modes' contribution
     forces : F with E = ΨᵀKΨ = ΨᵀF, which is free of cancellation
-    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid ones
+    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid-body modes
 
     Returns
     -------

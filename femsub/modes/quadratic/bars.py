@@ -41,7 +41,7 @@ def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None 
     found = values if known is None else known  # the gap of a λ is its distance to the nearest other one, conjugates included
     every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
     points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
-    gaps = np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])  # inf without one
+    gaps = np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])  # inf without a neighbour
     half, second = np.flatnonzero(values.imag >= 0), np.flatnonzero(values.imag < 0)
     upper = values[half]
     of = np.repeat(np.arange(len(half)), 1 + (upper.imag > HALF * np.abs(upper)))
@@ -86,8 +86,8 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
     # A left vector may lack a small component that acts where the residual is large. Then |y|ᵀ|r| is too small. So poor bars of a
-    # dense model are evaluated again, with y after a step of inverse iteration. Their number is limited: all together take the
-    # time of one in a model of the largest size
+    # dense model are evaluated again, with y after a step of inverse iteration. Their number is limited: together they take the
+    # time of a single one in the largest model
     poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0) & (not pencil.is_sparse))
     for k in poor[:int((QUADRATIC / pencil.size) ** 3)]:
         solver = solver_near(pencil, values[k])

@@ -187,8 +187,8 @@ class CellBound:
         zE, Ex, zs, xs = (sum(powers[one[0]] * np.abs(one[k]) for one in self.first) for k in range(1, 5))
         zT = [powers[power] * own @ T for power, own, *_ in self.first]
         Tx = [powers[power] * T @ own for power, _, own, *_ in self.first]
-        # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside; `moved` bounds how far the
-        # latter may differ from those by R and L at s
+        # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside. `moved` bounds the difference of
+        # images by R and L from those at s
         columns = [np.sqrt(powers @ part) for _, part in self.within]
         images = [self.root * part[0]
                   for part in small._lengths(np.array([s]), np.array([[reach]]), self.products)[::-1]]

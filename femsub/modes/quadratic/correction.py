@@ -118,7 +118,7 @@ def left_by_symmetric_factor(pencil: Pencil, value: complex, matrices: tuple[Mat
 
         δ = (1 - y fᴴ / fᴴy) (S⁻¹(r - PᴴYc) + Yc),   c = (XᴴPᴴY)⁻¹Xᴴr   of   (1 - g xᴴ / xᴴg) r,   fᴴδ = 0.
 
-    The symmetric factor takes a tenth of the time of a complex one. The part of Pᴴy along g shows an error of λ, not one of y.
+    The symmetric factor takes a tenth of the time of a complex one. The part of Pᴴy along g shows an error of λ, not of y.
     `matrices` are P and Pᵀ, by rows. None if the residual is not below `tol` times its terms after so many `steps`.
     """
     from scipy.sparse.linalg import LinearOperator, gmres

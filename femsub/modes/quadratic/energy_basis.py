@@ -207,7 +207,7 @@ class EnergyBasis:
         grown = self.inside[:, old:, :old]
         for i, j in np.ndindex(p, p):
             lost[i, :old, j, :old] = self._lost[i, :, j] - grown[i].T @ grown[j]
-        self._lost = lost  # frees the old one
+        self._lost = lost  # frees the old array
         inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # squares of all images; here their parts in V
         inside[:, :old] = self._whole
         step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns take memory beside V
@@ -259,7 +259,7 @@ class EnergyBasis:
 
     @property
     def matrices(self) -> Array:
-        """K, D and M of P_U = K + sD + s²M, shape (3, m, m), symmetric where those of P are."""
+        """K, D and M of P_U = K + sD + s²M, shape (3, m, m), symmetric if those of P are."""
         found = np.einsum("ik,iab->kab", np.reshape([term.weights for term in self.terms], (-1, 3)), self.inside)
         found[0] += self.energy
         return found
@@ -341,7 +341,7 @@ class EnergyBasis:
 
 
 class Coupling:
-    """The eigenpairs of P_U = VᵀP(s)V and their coupling with what lies outside V; see `energy_basis`.
+    """The eigenpairs of P_U = VᵀP(s)V and their coupling with the complement of V; see `energy_basis`.
 
     P_U⁻¹ = Σ x_k z_kᴴ ν_k / (1 - tν_k) with ν = 1/(λ - σ) and t = s - σ, which allows infinite λ: ν = 0.
 

@@ -67,7 +67,7 @@ class ByParts:
         self.factorisations = sum(handle.factorisations for handle in handles.values())
         if loose := [name for name, handle in handles.items() if handle.floating]:
             raise SingularMatrixError(f"the interface does not hold {loose[0]!r}")
-        places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # one entry a row
+        places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # one entry per row
         self._b = np.setdiff1d(np.arange(full.size), np.concatenate(list(places.values())))
         condensed = full.K[self._b][:, self._b]
         condensed = condensed.toarray() if sp.issparse(condensed) else condensed

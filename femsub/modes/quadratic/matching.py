@@ -336,7 +336,7 @@ def force_error(full: System, ours: NormalModes, reduced: System, theirs: Normal
     max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
     interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
     two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
-    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
+    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced system.
 
     A counterpart is within `near` of ω, as in `match`. Its share of the mode's energy is at least `least` of the largest share,
     so modes of a cluster count and noise does not. All counterparts together must have more than `held` of the energy, so that no

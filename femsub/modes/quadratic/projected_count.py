@@ -214,7 +214,7 @@ class Projection(EnergyBasis):
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
                 self.held.append(more)
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
-        self.counted: Coupling | None = None  # the last one, if the count was proved
+        self.counted: Coupling | None = None  # the last coupling, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[list[WholeTerm], tuple[Array, float]] | None = None
         del modes, strong, rest  # each is freed when it has joined V
@@ -232,7 +232,7 @@ class Projection(EnergyBasis):
         return found
 
     def _weighted(self, theta: Sequence[float] | Array, half: Sequence[float] | Array | None = None) -> list[Weights]:
-        """The weights of all terms at θ; with `half` the largest ones for all θ ± half."""
+        """The weights of all terms at θ; with `half` the largest weights for all θ ± half."""
         found = []
         for (place, own), held in zip(self.own_weights, self.held, strict=True):
             size = 1.0
@@ -400,7 +400,7 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
         for _ in range(3):
             keep = off <= np.median(off)
             fit = np.linalg.lstsq(unit[keep], d[keep], rcond=None)[0]
-            fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # of one kind alone
+            fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # M or K alone
             off = np.abs(d - unit @ fit)
         alpha, beta = (fit / scale).tolist()
         columns = _few_left([*rest, (-alpha, M), (-beta, K)], own, most)

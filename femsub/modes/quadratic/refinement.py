@@ -31,7 +31,7 @@ from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
 from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
 from femsub.modes.quadratic.matching import HALF, assigned, pair_costs
 
-APART = 0.1  # two refined modes with a larger relative distance of λ are never one space, however inaccurate the reduced model
+APART = 0.1  # two refined modes with a larger relative distance of λ are never compared as one space
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -100,7 +100,7 @@ class Count:
 
 @dataclass(frozen=True)
 class Region:
-    """`count` eigenvalues nearest to 0, or those in the rectangle `box`; all where both are None."""
+    """`count` eigenvalues nearest to 0, or the eigenvalues in the rectangle `box`; all if both are None."""
 
     count: int | None = None
     box: Box | None = None

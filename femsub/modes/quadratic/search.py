@@ -236,7 +236,7 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: f
     def best(edges: Array, coordinates: Array, beside: Array) -> float:
         distance = np.hypot(edges[:, None] - coordinates, np.maximum(beside, EPS * hi))
         near = room * hi / 40 / distance.min(axis=1, initial=np.inf) + (moved / distance).sum(axis=1)  # moves add up
-        return float(edges[np.argmax(near <= 1.1 * near.min()) if moved.any() else np.argmin(near)])  # the nearest of good ones
+        return float(edges[np.argmax(near <= 1.1 * near.min()) if moved.any() else np.argmin(near)])  # the nearest good edge
 
     above, off = upper.imag - hi, np.maximum(a - upper.real, upper.real - b)
     return Contour(sides=(best(a - moves, upper.real, above), best(b + moves, upper.real, above),

@@ -14,7 +14,7 @@ and (I - tN)⁻¹ (tB - t²Q) = tB + t²(NB - Q) + t³N(I - tN)⁻¹(NB - Q). To
 x̂_ij = b_ij / (λ_j - λ_i) as in `femsub.stability.exclusion`, b = diag B: then
 
     (λ_i - s + t b_i) g'_i + Σ_j e_ij(s, t) g'_j = 0,   |e_ij| ≤ f_ij  for all complex |t| ≤ h,  |s - s_c| ≤ d,
-    F = (I - h|X̂|)⁻¹ (h|B'| + h²|BX̂ - X̂b + NB - Q| + h³ …) + what q and y bring back.
+    F = (I - h|X̂|)⁻¹ (h|B'| + h²|BX̂ - X̂b + NB - Q| + h³ …) + the terms of q and y.
 
 Norms bound |q| and |y| by |g|, in units in which Re P_L ≥ 1:
 
