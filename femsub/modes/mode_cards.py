@@ -422,7 +422,7 @@ class Acting(NamedTuple):
     W: Matrix
     friction: Matrix  # C - C⁰
     damping: Matrix
-    node: Array  # of each column
+    node: Array  # of each column, its place in `nodes`
     nodes: tuple[str, ...]
     points: Array
     along: Array  # place of each node in the direction of sliding, 0 at the leading edge to 1; NaN without such a direction

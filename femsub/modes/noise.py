@@ -32,7 +32,7 @@ class Noise:
     deviations : ndarray, shape (ns, nf, a, b), optional
         Deviations of ns repeated measurements from their mean.
     small : ndarray of bool, shape (nf or 1,)
-        Where the noise is small enough for first order.
+        Whether the noise is small enough for first order, at each frequency.
     """
 
     left: Array

@@ -1,4 +1,4 @@
-"""Where eigenvalues cross a line in the plane of s, for all values of a parameter that acts through few columns: proved.
+"""Proved crossings of eigenvalues over a line in the plane of s, for all values of a parameter that acts through few columns.
 
 In the setting of `femsub.modes.quadratic.cells`, P(s; ε) = P(s) + ε T(s), where T(s) = A(s)Bᵀ has r columns and acts in U alone.
 On the line s = s_0 + t d, P(s; ε) is singular where x = 1/ε is an eigenvalue of the (r, r) matrix

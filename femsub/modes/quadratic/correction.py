@@ -110,11 +110,11 @@ def left_by_symmetric_factor(pencil: Pencil, value: complex, matrices: tuple[Mat
                              tol: float = EPS**0.85) -> Array | None:
     """A better left vector y of unit length, of a sparse P = P(λ): Pᴴδ = -Pᴴy by GMRES with a factor of S = Re (P + Pᵀ)(s) / 2.
 
-    s has the imaginary part `beside`, somewhere between Im λ and that of the next eigenvalue: friction turns a mode more than it
-    moves its frequency, so that the symmetric part at λ itself would be nearly singular in another direction than x. For a
-    lightly damped mode S⁻¹P is the unit matrix except for friction and the modes near λ. The nearest modes, X and Y (n, k) with
-    PᴴY in `others`, are solved separately. GMRES is preconditioned from the right on the complement of the mode, with f = P'x
-    (`along`) and g = P'ᴴy:
+    s has the imaginary part `beside`, somewhere between Im λ and that of the next eigenvalue: friction turns the shape of a mode
+    more than it changes its frequency, so that the symmetric part at λ itself would be nearly singular in another direction than
+    x. For a lightly damped mode S⁻¹P is the unit matrix except for friction and the modes near λ. The nearest modes, X and Y (n,
+    k) with PᴴY in `others`, are solved separately. GMRES is preconditioned from the right on the complement of the mode, with
+    f = P'x (`along`) and g = P'ᴴy:
 
         δ = (1 - y fᴴ / fᴴy) (S⁻¹(r - PᴴYc) + Yc),   c = (XᴴPᴴY)⁻¹Xᴴr   of   (1 - g xᴴ / xᴴg) r,   fᴴδ = 0.
 
@@ -167,7 +167,7 @@ def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[
         Eigenpairs to which the iteration must not converge. yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is enforced
         while steps are large.
     steps : int
-        The largest number of steps. Each factorises P. Three steps double a few digits to all; a poor start takes more.
+        The largest number of steps. Each factorises P. Three steps bring a few correct digits to all; a poor start takes more.
     """
     real, before, settled = np.imag(value) == 0, np.inf, False
     for _ in range(steps):

@@ -162,7 +162,7 @@ class Projection(EnergyBasis):
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
-        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 where there is no rigid motion
+        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 if there is no rigid motion
         moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
         if moved:
             sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
@@ -243,7 +243,7 @@ class Projection(EnergyBasis):
         return found
 
     def coercivity(self, re: tuple[float, float], top: float) -> float:
-        """c; 1 where V and rigid motion leave nothing out."""
+        """c; 1 if V and rigid motion span the whole space."""
         return 1.0 if self.size + self.free.shape[1] == len(self.V) else super().coercivity(re, top)
 
     def completed(self) -> bool:

@@ -30,7 +30,7 @@ TOGETHER = 1e-3
 
 
 def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Array, Array] | None:
-    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge.
+    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None if corrections do not converge.
 
     If a fork pays, each process corrects at most `together` clusters at once: each needs the memory of some twenty vectors.
     """

@@ -1,4 +1,4 @@
-"""Where eigenvalues cross lines in the plane of s, for all values of a parameter of any rank: proved.
+"""Proved crossings of eigenvalues over lines in the plane of s, for all values of a parameter of any rank.
 
 P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`). In a window,
 ε = m + t with |t| ≤ h, the eigenpairs of P_U at m give P_U⁻¹ = X(Λ - s)⁻¹Zᴴ + T_f(s). X, Λ and Z have the n pairs near the lines,
