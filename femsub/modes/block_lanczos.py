@@ -1,7 +1,7 @@
 """Block Lanczos with thick restart: many right-hand sides at once where single solves are bound by memory traffic.
 
-Krylov-Schur (SLEPc) solves for one right-hand side at a time, and reads the whole factor each time. On bulky solids a
-column in a block of 10 costs a quarter of that, while 1.6 times as many columns are needed: see `python -m benchmarks bases`.
+Krylov-Schur (SLEPc) solves for one right-hand side at a time, and reads the whole factor each time. On bulky solids a column in a
+block of 10 costs a quarter of a single solve, but 1.6 times as many columns are needed: see `python -m benchmarks bases`.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: float, seed: int = 1, known: Array | None = None,
                   seen: Callable[[Array, Array], int] | None = None, restarts: int = 60, block: int | None = None
                   ) -> tuple[Array, Array]:
-    """The eigenvalues of (K - λM)φ = 0 next above σ: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
+    """Lowest eigenvalues above σ of (K - λM)φ = 0: A V = V T + Q R Eᵀ, A = (K - σM)⁻¹M, VᵀMV = I, V (n, m), λ = σ + 1/θ.
 
-    `factor` is that of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block tridiagonal,
-    so a new block first loses its known parts in the last two blocks, and then rounding in one pass against all. A restart
-    keeps the wanted Ritz vectors and half of the others.
+    `factor` is the factor of K - σM, which is positive definite. A Ritz pair is accepted if ‖R Eᵀy‖ ≤ tol θ. T is block
+    tridiagonal. So a new block is first orthogonalised against the last two blocks by known coefficients, and then in one pass
+    against all blocks, which removes rounding. A restart keeps the wanted Ritz vectors and half of the others.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     known : ndarray, shape (n, k), optional
         M-orthonormal shapes to deflate. There must be far more other shapes than `count` and a block.
     seen : callable, optional
-        Gets the approximate λ of each step, shape (count,), and how large their relative errors are at most. Returns how many of
-        them have to meet `tol`; the others are as accurate as they are then.
+        Gets the approximate λ of each step, shape (count,), and bounds of their relative errors. Returns how many of them have to
+        meet `tol`; the others are returned with the accuracy reached.
     restarts : int
-        So many at most. The default is far more than any model was seen to need.
+        Largest number of restarts. The default is far more than any model has needed.
     block : int, optional
-        Columns of a block. A wider one makes a column cheaper, but needs more of them; BLAS takes eight at a time, and for ten
-        longer per column. The default is 8, and from 100 modes on, where orthogonalisation gains as well, 16.
+        Columns of a block. A wider block makes a column cheaper, but needs more columns. BLAS takes eight columns at a time, so
+        ten take longer per column. The default is 8, and 16 from 100 modes on, where orthogonalisation gains as well.
 
     Returns
     -------
@@ -52,7 +52,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
     Raises
     ------
     NotConvergedError
-        Fewer than `count` Ritz pairs have converged within so many `restarts`.
+        Fewer than `count` Ritz pairs have converged within `restarts`.
 
     References
     ----------
@@ -67,7 +67,7 @@ def block_lanczos(factor: Handle, M: Matrix, sigma: float, count: int, *, tol: f
 
     theta, X = _ritz_vectors(factor, M, count, tol, locked, due, np.random.default_rng(seed),
                              restarts=restarts, block=block or (8 if count < 100 else 16))
-    # rounding in T and X leaves less than EPS θ₁/θ_k as a residual: half of that at most, and of λ a hundredth
+    # the residual by rounding in T and X is at most half of EPS θ₁/θ_k, and the error of λ a hundredth of it
     if theta[0] * EPS <= tol / 10 * theta[-1] and M.diagonal().all():
         return sigma + 1 / theta, X
     MX = times(M, X)
@@ -113,7 +113,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
             if clean and not lost and values[0] > 0.5 * values[-1]:  # the change is only rounding: no new product MW
                 V[:, at:at + size] = W @ change
                 return C[known:], R, MW @ change
-            W, clean = W @ change, not lost and EPS**2 * before < ROUNDING**2 * values[0]  # no more was lost to cancellation
+            W, clean = W @ change, not lost and EPS**2 * before < ROUNDING**2 * values[0]  # little was lost to cancellation
             if lost:
                 more = random(lost)
                 more -= W @ (W.T @ (M @ more))
@@ -126,7 +126,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
     while True:
         new = slice(m, m + b)
         W = factor.solve(MQ)
-        T[new, new] = MQ.T @ W  # what T has above it is R of the block before, or of the Ritz vectors kept; `first` is its row
+        T[new, new] = MQ.T @ W  # above it T has R of the block before, or of the Ritz vectors kept, from row `first` on
         W -= _product(V[:, first:m + b], T[first:m + b, new])
         first, m = m, m + b
         C, R, MQ = put(W, m)

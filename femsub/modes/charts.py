@@ -37,8 +37,8 @@ PLANE = "Re λ  [1/time]", "Im λ  [rad/time]"
 def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: float = 0.4) -> Chart:
     """Eigenvalues in the complex plane (the paper's Fig. 4); hollow above the reduced model's cut-off.
 
-    Where those of the reduced models would lie in one clump, in less than this part of the full model's range of Im λ, a second
-    row of the figure shows them enlarged: what fills more is seen well enough.
+    If the eigenvalues of reduced models fill less than the share `clump` of the full range of Im λ, a second row of the figure
+    shows them enlarged.
     """
     places = grouped(models, "panel")
     # the frames around the reduced models' eigenvalues below their cut-off
@@ -58,7 +58,7 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: flo
     # panels
     line = [Level(0.0, line="solid", colour="#808080")]
     sizes = {name: " and ".join(dict.fromkeys(str(model["size"]) for model in several if model["model"] != "full"))
-             for name, several in places.items()}  # '5', or '9 and 10' where the methods differ
+             for name, several in places.items()}  # '5', or '9 and 10' if the methods differ
     panels = [Panel(_spectra(several), *PLANE, f"{name} ({sizes[name]} DOF)" if len(several) > 1 else name, levels=line,
                     share={"x": "all", "y": "all"}, band=frames[name][1] if name in frames else None, linear=linear)
               for name, several in places.items()]
@@ -73,7 +73,7 @@ def eigenvalue_chart(models: Sequence[Mapping[str, Any]], title: str, clump: flo
 
 
 def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd: int = 60) -> list[Series]:
-    """The full model as large circles, the reduced ones within them; small ones for more eigenvalues than a `crowd`."""
+    """The full model as large circles, reduced models as marks within them; circles are small above `crowd` eigenvalues."""
     series = []
     for at, model in enumerate(models):
         values, beyond = np.asarray(model["eigenvalues"]), np.asarray(model["above_cutoff"])
@@ -92,7 +92,7 @@ def _spectra(models: Sequence[Mapping[str, Any]], enlarged: bool = False, crowd:
 def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
     """|h| and its phase over ω for each model, and for reduced models the bound of the relative error.
 
-    A curve has `model`, `modes`, `size`, `omega`, `magnitude`, `phase` in degrees and, of a reduced model, `error`.
+    A curve has `model`, `modes`, `size`, `omega`, `magnitude`, `phase` in degrees and, for a reduced model, `error`.
     """
     panels = []
     for key, label, logs in (("magnitude", "|h|  [length/force]", "y"), ("phase", "phase of h  [°]", ""),
@@ -112,7 +112,7 @@ def response_chart(curves: Sequence[Mapping[str, Any]], title: str) -> Chart:
 
 
 def modes_chart(modes: ComplexModes, title: str) -> Chart:
-    """Im λ over Re λ, and over the damping ratio in %, of eigenvalues with Im λ ≥ 0: growing, decaying, undecided ones."""
+    """Im λ over Re λ, and over the damping ratio in %, for Im λ ≥ 0, with marks for growing, decaying and undecided modes."""
     values, upper = modes.eigenvalues, modes.eigenvalues.imag >= 0
     decays, open_, grows = (np.array([vote is one for vote in modes.stable], dtype=bool) & ~modes.above_cutoff
                             for one in (True, None, False))
@@ -136,7 +136,7 @@ def modes_chart(modes: ComplexModes, title: str) -> Chart:
 
 
 def frequencies_chart(modes: NormalModes, title: str) -> Chart:
-    """Frequencies over their numbers, rigid motions apart."""
+    """Frequencies over the mode number, with other marks for rigid motions."""
     numbers = np.arange(1, len(modes.frequencies) + 1)
     series = [Series(word, numbers[chosen], modes.frequencies[chosen], colour=colour, marker="o", hollow=hollow, hover={
         "residual": modes.residual[chosen]}) for word, chosen, colour, hollow in (
@@ -146,9 +146,9 @@ def frequencies_chart(modes: NormalModes, title: str) -> Chart:
 
 
 def receptances_chart(found: FrequencyResponse, title: str, most: int, full: FrequencyResponse | None = None) -> Chart:
-    """|h| with its bound, and the phase, over ω, of each load and response; the first `most` pairs where there are more.
+    """|h| with its bound, and the phase, over ω, for at most `most` pairs of load and response.
 
-    Those of the full model lie behind, and the error against it is a panel of its own.
+    Curves of the full model lie behind. The error against it has its own panel.
     """
     pairs = [(i, j) for j in range(len(found.loads)) for i in range(len(found.responses))]  # the order of `curves`
     size, phase, off = list[Series](), list[Series](), list[Series]()
@@ -179,8 +179,8 @@ def receptances_chart(found: FrequencyResponse, title: str, most: int, full: Fre
 def springs_chart(rows: Sequence[Mapping[str, Any]], title: str, lines: int = 8) -> Chart:
     """Error of the lowest frequencies over the stiffness of the springs under the interface; a line for each model.
 
-    A figure has about so many `lines`, which can still be distinguished: of each method the fewest and the most modes, and those
-    between as far as there is room. A page has all.
+    A figure has about `lines` lines, which can still be distinguished: for each method the smallest and the largest model, and
+    models between them if there is room. A page has all models.
     """
     methods, counts = (list(dict.fromkeys(row[key] for row in rows)) for key in ("model", "modes"))
     room = min(max(lines // max(len(methods), 1), 2), len(STYLES))

@@ -34,8 +34,8 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     ratios : ((omega1, zeta1), (omega2, zeta2))
         Rayleigh damping that has these ratios at these frequencies (radians per unit of time).
     modal : float or sequence of float
-        ζ of every elastic mode, or of the lowest ones by frequency (the others get none). Rigid-body modes stay undamped. D
-        becomes a full matrix, so apply it to the reduced model if a sparse one has more than 2,000 DOF.
+        ζ of every elastic mode, or of the lowest elastic modes by frequency (the others get none). Rigid-body modes stay
+        undamped. D becomes a full matrix, so apply it to the reduced model if a sparse one has more than 2,000 DOF.
     dashpots : mapping to float
         c in force × time / length (a port's own unit), by the name of a port, by a DOF counted from 0 (to the
         ground), or by a pair of DOF (between the two). For a reduced model the DOF are those of the component it
@@ -47,8 +47,8 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
     Raises
     ------
     InputError, InputTypeError
-        Nothing given; a negative ζ, c, α, β or η; two ratios that need one of these negative; an unknown port or DOF;
-        modal damping of a large sparse model.
+        No damping is given; a negative ζ, c, α, β or η; two ratios that need a negative α or β; an unknown port or DOF; modal
+        damping of a large sparse model.
 
     References
     ----------
@@ -89,14 +89,14 @@ def damped(sub: Model, *, rayleigh: tuple[float, float] | None = None,
 
     # modal: MΦ diag(2ζω) ΦᵀM, dense
     if modal is not None:
-        if sp.issparse(sub.K) and 2 * sub.size > DENSE:  # complex modes are those of 2n coordinates then
+        if sp.issparse(sub.K) and 2 * sub.size > DENSE:  # complex modes then have 2n states
             raise InputError(f"modal damping makes D a full matrix, but {sub.name!r} has {sub.size} DOF (at most {DENSE // 2}). "
                              "Apply it to the reduced model, damped(reduce(...), modal=...), or use ratios=")
         if isinstance(modal, str) or not isinstance(modal, (int, float, np.number, Sequence, np.ndarray)):
             raise InputTypeError(f"modal must be a ratio or a sequence of them, not {modal!r:.80}")
         if isinstance(modal, (Sequence, np.ndarray)):
             each = np.array([not_negative(f"modal[{i}]", value) for i, value in enumerate(items("modal", modal, "ratios"))])
-            modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(each))  # refuses more than there are
+            modes = lowest_modes(ShiftInvert(sub.K, sub.M, carried=sub.rigid_motion), len(each))  # refuses more than exist
         else:
             modes = all_modes(sub.K, sub.M, carried=sub.rigid_motion)
             each = np.full(len(modes.eigenvalues) - modes.rigid, not_negative("modal", modal))
@@ -125,7 +125,7 @@ def equivalent_viscous(model: Model, omega: float) -> Model:
     """A copy with viscous damping in place of structural damping: D + H/ω, shape (n, n), and no H.
 
     At ω the damping force is the same. A mode at ω_j has the loss factor η ω_j/ω in place of η: less below ω, more above. With ω
-    at the top of a band no mode in it gets more damping than H gives. It is for analyses that cannot take H along.
+    at the top of a band, no mode in the band gets more damping than by H. Use it for analyses that do not accept H.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def equivalent_viscous(model: Model, omega: float) -> Model:
 
 
 def _column(sub: Substructure, key: Any) -> Matrix:
-    """w (n, p) of a dashpot at a port, at a DOF, or between two."""
+    """w (n, p) of a dashpot at a port, at a DOF, or between two DOF."""
     if isinstance(key, str):
         return sp.csr_array(sub.port(key).reshape(sub.size, -1))
     pair = key if isinstance(key, tuple) else (key,)

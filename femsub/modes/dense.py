@@ -68,7 +68,7 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
         gram = shapes.T @ (M @ shapes)
         change = np.triu(gram, 1) + np.diag((gram.diagonal() - 1) / 2)
         off = np.abs(change).max(initial=0.0)
-        if off < 8 * ROUNDING:  # of which the products above have some themselves
+        if off < 8 * ROUNDING:  # the products above have this rounding themselves
             break
         if not off < 0.5:
             i, j = np.unravel_index(int(np.abs(change).argmax()), change.shape)
@@ -81,9 +81,9 @@ def orthonormalise(shapes: Array, M: Matrix) -> None:
 def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array, near: float) -> tuple[Array, Array]:
     """λ (k,) and φ (n, k) with the columns `which` refined by inverse iteration, each DOF in the unit of its own stiffness.
 
-    Where stiff DOF lie beside soft ones, LAPACK's modes from the middle of the spectrum have the rounding of the stiff ones
-    in all entries. (K - σM)y = Mφ in scaled DOF has it in the stiff ones only; λ = σ + yᵀMφ / yᵀMy. Neighbours whose λ are within
-    the share `near` are refined together.
+    If a model has stiff and soft DOF, LAPACK's modes from the middle of the spectrum have the rounding of the stiff DOF in all
+    entries. The solution of (K - σM)y = Mφ in scaled DOF has it in the stiff DOF only; λ = σ + yᵀMφ / yᵀMy. Neighbours whose λ
+    are within the share `near` are refined together.
     """
     from scipy.sparse.linalg import splu
 
@@ -95,7 +95,7 @@ def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array, ne
             unit = 2.0 ** np.rint(np.log2(_units(K, M, np.array([sigma]))[:, 0]))
             A, b = K - sigma * M, unit[:, None] * (M @ x)
             U = sp.diags_array(unit)
-            try:  # an A that is nearly singular is what inverse iteration needs
+            try:  # inverse iteration needs an A that is nearly singular
                 y = splu(sp.csc_array(U @ A @ U)).solve(b) if sp.issparse(A) else np.linalg.solve(unit[:, None] * A * unit, b)
             except (RuntimeError, np.linalg.LinAlgError):
                 break
@@ -114,7 +114,7 @@ def refined(K: Matrix, M: Matrix, values: Array, shapes: Array, which: Array, ne
 
 
 def scaled_errors(K: Matrix, M: Matrix, values: Array, shapes: Array) -> tuple[Array, Array]:
-    """‖Ur‖ / ‖U⁻¹φ‖ with each DOF in its own unit, whatever the stiffness of others, and the error of λ > 0 by it, (k,) each."""
+    """‖Ur‖ / ‖U⁻¹φ‖ with each DOF in its own unit, and the relative error of λ > 0 that it causes, shape (k,) each."""
     unit = _units(K, M, values)
     residual, size = (np.linalg.norm(part, axis=0) for part in (unit * (K @ shapes - (M @ shapes) * values), shapes / unit))
     return residual / size, np.divide(residual * size, values, out=np.zeros_like(size), where=values > 0)
@@ -143,13 +143,13 @@ def semidefinite_frequencies(K: Array, M: Array) -> Array:
     Q = turn[:, heavy]
     inner = Q.T @ stiff @ Q
     if not heavy.all():
-        # by 1/(ω² + σ) with σ about the lowest: condensed to Q, stiff coordinates that nearly depend on each other lose digits
+        # by 1/(ω² + σ) with σ about the lowest ω²: if condensed to Q, nearly dependent stiff coordinates lose digits
         ratios = np.einsum("ij,ij->j", Q, stiff @ Q) / values[heavy]
         shift = float(ratios[ratios > EQUAL * ratios.max()].min(initial=ratios.max()))
         try:
             inverse = la.eigh(mass, stiff + shift * mass, eigvals_only=True)[-len(ratios):][::-1]
             return np.sqrt(np.maximum(1 / inverse - shift, 0.0))
-        except la.LinAlgError:  # K + σM is not positive definite: a fault, which another check names
+        except la.LinAlgError:  # K + σM is not positive definite: a fault that another check reports
             Z = turn[:, ~heavy]
             inner -= (Q.T @ stiff @ Z) @ np.linalg.pinv(Z.T @ stiff @ Z, rcond=1e-12, hermitian=True) @ (Z.T @ stiff @ Q)
     root = values[heavy] ** -0.5

@@ -1,7 +1,7 @@
 """Frequency-based substructuring: parts known by their receptances, measured or computed, joined by Lagrange multipliers.
 
-With Y = diag(Y_p) of the parts, u = Y(f + B_fᵀλ) and B u = 0, where B (m, nr) has the differences of motions that a joint makes
-equal, and B_f (m, nl) the same of the forces there,
+With Y = diag(Y_p) of the parts, u = Y(f + B_fᵀλ) and B u = 0. A row of B (m, nr) is the difference of the two motions of a joint,
+and a row of B_f (m, nl) that of the forces there. So
 
     Y_c = Y - Y B_fᵀ Z B Y,   Z = (B Y B_fᵀ)⁻¹.
 
@@ -9,9 +9,9 @@ For an error δ of the receptances, with T = I - Y B_fᵀ Z B on the left and S 
 
     δY_c = T δ S - T δ B_fᵀ (B (Y + δ) B_fᵀ)⁻¹ B δ S.
 
-The first term takes the noise of measurements along (`noise`), the second shows how far it may be trusted.
+The first term carries the noise of measurements to the result (`noise`). The second term shows how far this can be trusted.
 
-Where a part moves far more than the joined parts do, Y_c is a small difference of large terms. Their rounding is in the bound.
+If a part alone moves far more than the joined parts, Y_c is a small difference of large terms. Their rounding is in the bound.
 """
 
 from __future__ import annotations
@@ -51,37 +51,38 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
 
     Y_c = Y - Y Bᵀ(B Y Bᵀ)⁻¹B Y with Y = diag(Y_p), shape (nf, nr, nl), and B the joints as signed Boolean rows.
 
-    The parts may be measured, as `read_response` or `FrequencyResponse.measured` give them, or computed by `frequency_response`
-    from full and reduced models. All have the same frequencies.
+    The receptances may be measured (`read_response`, `FrequencyResponse.measured`), or computed by `frequency_response` from full
+    and reduced models. All parts have the same frequencies.
 
     Parameters
     ----------
     parts : mapping of str to FrequencyResponse
-        By name. Each motion that is joined must be a response and a load of its part, under one name.
+        The receptances by part name. Each joined motion must be a response and a load of its part, under the same name.
     joints : sequence of ((part, name), (part, name))
         Motions that become equal. The forces there are opposite.
     tol : float
-        The bound that is allowed where computed parts are joined, relative to |h_ij|, as in `frequency_response`.
+        The largest accepted bound if computed parts are joined, relative to |h_ij|, as in `frequency_response`.
 
     Returns
     -------
     FrequencyResponse
-        Its names begin with the part's, 'disc.rim'. `bound` is carried along with the second-order term of the errors, and
-        includes the rounding of the joining. It is 'certified' if all parts are computed and no bound exceeds `tol`. `scatter`,
-        `ellipses` and `covariance` are the first-order effect of the noise of all parts, which are independent of each other.
-        `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖², with scaled joints.
+        Its names begin with the name of the part: 'disc.rim'. `bound` follows from the bounds of the parts, second order
+        included, and has the rounding of the joining. The result is 'certified' if all parts are computed and no bound exceeds
+        `tol`. `scatter`, `ellipses` and `covariance` are the first-order effect of the noise of all parts. The parts' noise is
+        taken as independent. `residual` is the expected size of the second-order term relative to the first, √E‖Z B δ B_fᵀ‖²,
+        with scaled joints.
 
     Raises
     ------
     InputError, InputTypeError
-        An unknown part or name, different frequencies, a motion that is no response or no load.
+        A part or name is unknown; frequencies differ; a joined motion is not both a response and a load.
     SingularMatrixError
-        A joint that is given twice, or parts that resonate against each other without damping.
+        A joint is given twice, or parts resonate against each other without damping.
 
     Warns
     -----
     FemsubWarning
-        `residual` is above 0.4 at some frequency, so that the stated noise is too small there. From 1 on it is inf.
+        `residual` is above 0.4 at some frequency, so that the noise of the result is stated too small there. From 1 on it is inf.
 
     References
     ----------
@@ -135,7 +136,7 @@ def couple_responses(parts: Mapping[str, FrequencyResponse], joints: Sequence[tu
     second = joined.second_order(places)
     noise = tuple(one.through(joined.left[:, :, rows], joined.right[:, columns], second < 1.0)
                   for part, rows, columns in places for one in part.noise)
-    many = second > 0.4  # first order says too little of the noise: regions of 95 % hold 90 to 94 % here
+    many = second > 0.4  # first order underestimates the noise: regions of 95 % contain 90 to 94 % here
     if many.any():
         worst = int(second.argmax())
         warn(f"the noise is too large for first order at {int(many.sum())} of {len(omega)} frequencies, most at ω = "
@@ -191,7 +192,7 @@ class _Joined:
         B_f = _per((_per(size.max(axis=1))[:, None] * size).max(axis=0))[:, None] * B_f
         across = B @ Y @ B_f.T
         rank = np.linalg.svd(across, compute_uv=False)
-        if (bad := rank[:, -1] <= 512 * EPS * rank[:, 0]).any():  # as much as rounding leaves where forces cancel
+        if (bad := rank[:, -1] <= 512 * EPS * rank[:, 0]).any():  # the size of rounding where forces cancel
             raise SingularMatrixError(f"the joints have no unique forces at frequency {int(bad.argmax()) + 1} of {len(Y)}: some "
                                       "of them follow from the others, or the parts resonate against each other without damping")
         Z = np.linalg.inv(across)
@@ -200,7 +201,7 @@ class _Joined:
         return cls(Y, left @ Y, Z, left, right, B, B_f)
 
     def bounded(self, bound: Array) -> Array:
-        """The bound of δY_c for |δ| ≤ bound, entry by entry, and of its rounding; inf where the second-order term has none.
+        """The bound of δY_c for |δ| ≤ bound, entry by entry, and of rounding; inf where the second-order term is not bounded.
 
         Z is the inverse of B Y B_fᵀ + Δ, with Δ from its residual: Y_c changes by Y B_fᵀ Z Δ (B Y B_fᵀ)⁻¹ B Y.
         """
@@ -226,7 +227,7 @@ class _Joined:
         return found
 
     def second_order(self, places: Sequence[tuple[FrequencyResponse, slice, slice]]) -> Array:
-        """√E‖Z B δ B_fᵀ‖² of the noise of all parts, shape (nf,)."""
+        """√E‖Z B δ B_fᵀ‖² for the noise δ of all parts, shape (nf,)."""
         found = np.zeros(len(self.Y))
         for part, rows, columns in places:
             for one in part.noise:
@@ -235,7 +236,7 @@ class _Joined:
 
 
 def _per(size: Array) -> Array:
-    """1 / size, to a power of two, so that scaling rounds nothing; 1 where it is 0."""
+    """1 / size, rounded to a power of two, so that scaling causes no rounding; 1 where the size is 0."""
     return 2.0 ** -np.rint(np.log2(np.where(size > 0, size, 1.0)))
 
 
@@ -244,31 +245,31 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
                   ) -> FrequencyResponse:
     """The receptance of an interface's six rigid motions from sensors and impacts around it: virtual point transformation.
 
-    Y_q = T Y T_fᵀ with T = (RᵀR)⁻¹Rᵀ (6, ns), rows of R: dᵀ and ((x - p) × d)ᵀ for a sensor at x along d, and p the point.
-    T_f is the same of the impacts.
+    Y_q = T Y T_fᵀ with T = (RᵀR)⁻¹Rᵀ (6, ns), rows of R: dᵀ and ((x - p) × d)ᵀ for a sensor at x along d, and p the point. T_f is
+    made in the same way from the impacts.
 
     Parameters
     ----------
     response : FrequencyResponse
-        Measured, or computed at the places of the sensors.
+        A receptance measured, or computed, at the places of the sensors.
     point : array_like, shape (3,)
     sensors, impacts : mapping of str to (place, direction)
-        By names of responses and of loads: x and d, three numbers each. At least six that determine all motions. By default the
-        impacts are at the sensors.
+        Place x and direction d, three numbers each, by name of the response or load. At least six, which must determine all
+        motions. By default the impacts are at the sensors.
     name : str
-        Of the point: its motions are 'point.ux' to 'point.rz'. Responses and loads that are not named here stay.
+        The name of the point: its motions are 'point.ux' to 'point.rz'. Responses and loads without a sensor or impact stay.
     tol : float
-        The bound that is allowed of a computed receptance, relative to |h_ij|, as in `frequency_response`.
+        The largest accepted bound of a computed receptance, relative to |h_ij|, as in `frequency_response`.
 
     Returns
     -------
     FrequencyResponse
-        With `residual` the share of the sensors' motion that is not that of a rigid interface, the largest over the loads.
+        `residual` is the share of the sensors' motion that is not a rigid motion of the interface, the largest over the loads.
 
     Raises
     ------
     InputError, InputTypeError
-        An unknown response or load; sensors that leave a motion unknown.
+        A response or load is unknown; the sensors do not determine all motions.
 
     References
     ----------
@@ -296,7 +297,7 @@ def virtual_point(response: FrequencyResponse, point: Any, sensors: Mapping[str,
     rest = np.linalg.norm(moved - R @ (T @ moved), axis=1)
     size = np.linalg.norm(moved, axis=1)
     share = np.divide(rest, size, out=np.zeros_like(rest), where=size > 0).max(axis=1)
-    rounding = EPS * (4 + np.sqrt(sum(response.receptance.shape[1:]))) * (unclear + blurred)  # of products, and of T and T_f
+    rounding = EPS * (4 + np.sqrt(sum(response.receptance.shape[1:]))) * (unclear + blurred)  # of the products, and of T and T_f
     own = response.bound + rounding * np.abs(response.receptance)
     h, bound = left @ response.receptance @ right.T, np.abs(left) @ own @ np.abs(right.T)
     tally = within(h, bound, tol, response.tally.counted is not None)

@@ -1,12 +1,12 @@
-"""`mode_cards`: for each complex mode which real modes meet in it, what feeds it and where, and one sentence that says so.
+"""`mode_cards`: for each complex mode the real modes that meet in it, the forces that feed it, where, and one sentence.
 
-For each eigenpair of λ²M + λD + K let λ = σ + iω, m = xᴴMx, xᴴDx = d + ig, and xᴴNx = in of the skew part N of K. The imaginary
+For each eigenpair of λ²M + λD + K let λ = σ + iω, m = xᴴMx, xᴴDx = d + ig, and xᴴNx = in for the skew part N of K. The imaginary
 part of ω xᴴ(λ²M + λD + K)x = 0 is the balance of power:
 
     2σ E = -ω² d - ω n,   E = ω² m + ω g / 2.
 
 Without gyroscopic forces (g = 0) E is four times the mean kinetic energy of Re(x exp(iωt)). π/ω times each term on the right is
-the work of its force over the period 2π/ω. So each force has a part of Re λ, its power over 2E, and they add up to Re λ.
+the work of its force over the period 2π/ω. So each force contributes its power over 2E to Re λ, and these parts add up to Re λ.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table,
 if TYPE_CHECKING:
     from femsub.model import Contact, Contacts
 
-MET = 0.1  # the share from which on a second real mode is said to meet the first
+MET = 0.1  # share above which a second real mode is said to meet the first
 
 
 class RealMode(NamedTuple):
@@ -48,16 +48,16 @@ class RealMode(NamedTuple):
     frequency : float
         ω in radians per unit of time.
     share : float
-        |yᴴMφ φᵀMx| over the sum of all.
+        |yᴴMφ φᵀMx| over the sum of these products for all real modes.
     phase : float
-        The angle of φᵀMx beside that of the first real mode, in degrees, -180 to 180.
+        The angle of φᵀMx relative to that of the first real mode, in degrees, -180 to 180.
     name : ModeName
     mass_shares : mapping of str to float
-        Its effective mass over the whole, in each direction of translation: how a shaker could drive it. Empty where the model
-        does not know how it moves as a rigid body.
+        Its effective mass relative to the whole mass, in each direction of translation: how well a shaker could drive it. Empty
+        if the rigid motions of the model are not known.
     place : int
-        Of a disc: the place of its pair among those of this motion, from the lowest, counted from 1. A mode without nodal
-        diameters has its place among such modes. 0 of all else, and where it is not clear.
+        For a disc: the rank of its pair among the pairs with this motion, from the lowest, counted from 1. A mode without nodal
+        diameters has its rank among such modes. 0 for other parts, and if the rank is not clear.
     """
 
     frequency: float
@@ -69,7 +69,7 @@ class RealMode(NamedTuple):
 
 
 class ContactWork(NamedTuple):
-    """What one contact does in a complex mode, node by node.
+    """The work of one contact in a complex mode, node by node.
 
     Attributes
     ----------
@@ -77,13 +77,14 @@ class ContactWork(NamedTuple):
     nodes : tuple of str, length q
         'disc.under-inboard: node 12', or a port and its column.
     points : ndarray, shape (q, 3)
-        NaN where they are not known.
+        The places of the nodes; NaN if they are not known.
     circulatory, damping : ndarray, shape (q,)
-        The parts of Re λ of the friction that follows displacements, and of the contact's damping.
+        The parts of Re λ by friction forces that follow displacements, and by the contact's damping.
     work : ndarray, shape (q,)
-        The work of both in one period, for the shape as it is given.
+        The work of both in one period, for the shape in its given scale.
     where : str
-        The third of the contact that feeds most: 'leading edge', 'middle', 'trailing edge'; '' where nothing slides along.
+        The third of the contact that feeds most: 'leading edge', 'middle', 'trailing edge'; '' if there is no direction of
+        sliding.
     """
 
     name: str
@@ -96,37 +97,37 @@ class ContactWork(NamedTuple):
 
     @property
     def growth(self) -> Array:
-        """All that the contact adds to Re λ at each node, (q,)."""
+        """The whole contribution of the contact to Re λ at each node, (q,)."""
         return self.circulatory + self.damping
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModeCard(Displayed):
-    """What a complex mode is made of and what feeds it, made by `mode_cards`.
+    """The real modes in a complex mode, and the forces that feed it, made by `mode_cards`.
 
     Attributes
     ----------
     eigenvalue : complex
     real_modes : tuple of RealMode
-        Some of those of the system without friction, the largest share first.
+        Real modes of the system without friction, the largest share first; `most` of them.
     captured : float
-        The share of the kinetic energy of x in the real modes that were looked at.
+        The share of the kinetic energy of x in the real modes that were computed.
     name : ModeName
-        Of the complex mode itself, at the phase with most motion.
+        The name of the complex mode itself, at the phase with most motion.
     energy, strain : mapping of str to float
         The share of each part in the kinetic energy and in the elastic energy.
     growth : mapping of str to float
-        The parts of Re λ, which add up to it: 'circulatory' of the skew part of K, 'contact damping' and 'damping' of D, and
-        'structural damping'.
+        The parts of Re λ, which add up to Re λ: 'circulatory' from the skew part of K, 'contact damping' and 'damping' from D,
+        and 'structural damping'.
     contacts : tuple of ContactWork
     kinetic : float
-        E of the shape as it is given: 2 Re λ E is the power of all forces that are not conservative.
+        E for the shape in its given scale: 2 Re λ E is the power of all forces that are not conservative.
     turn : float
-        The angle φ in degrees by which x is turned to be drawn with most motion: Re(x exp(iφ)).
+        The angle φ in degrees at which Re(x exp(iφ)), as it is drawn, has most motion.
     phases : mapping of str to float
-        The angle at which each part has most motion, beside that, in degrees from -90 to 90: ½ arg of qᵀMq.
+        The angle at which each part has most motion, relative to the whole, in degrees from -90 to 90: ½ arg of qᵀMq.
     error_bar : float
-        That of Re λ. A force that adds less than this is not said to feed the mode.
+        The error bar of Re λ. A force that adds less than this does not count as feeding the mode.
 
     Examples
     --------
@@ -155,23 +156,23 @@ class ModeCard(Displayed):
 
     @property
     def met(self) -> tuple[RealMode, RealMode] | None:
-        """The two real modes that meet in it; None where one makes up most of it."""
+        """The two real modes that meet in the complex mode; None if one real mode makes up most of it."""
         first, *others = self.real_modes
         return (first, others[0]) if others and others[0].share > MET else None
 
     @property
     def apart(self) -> float:
-        """The distance of these two without friction, in radians per unit of time; NaN where there is one."""
+        """The distance of the two real modes without friction, in radians per unit of time; NaN if only one makes up the mode."""
         return np.nan if self.met is None else abs(self.met[0].frequency - self.met[1].frequency)
 
     @property
     def work(self) -> dict[str, float]:
-        """The work of each kind of force over one period, for the shape as it is given: 2π E/ω times its part of Re λ."""
+        """The work of each kind of force in one period, for the shape in its given scale: 2π E/ω times its part of Re λ."""
         return {key: 2 * np.pi / self.eigenvalue.imag * self.kinetic * part for key, part in self.growth.items()}
 
     @property
     def feeding(self) -> tuple[ContactWork, ...]:
-        """The contact that adds most to Re λ, if any adds something, and those that add at least half as much."""
+        """The contacts that feed the mode: the one that adds most to Re λ, and others that add at least half as much."""
         added = [float(one.growth.sum()) for one in self.contacts]
         most = max(added, default=0.0)
         return tuple(one for one, own in zip(self.contacts, added, strict=True) if own > self.error_bar and own >= most / 2)
@@ -194,7 +195,7 @@ class ModeCard(Displayed):
 
     @property
     def _fed_by(self) -> str:
-        """What feeds it, and whether that is enough."""
+        """The forces that feed the mode, and whether it grows, in words."""
         feeds = {key: part for key, part in self.growth.items() if part > self.error_bar}
         if not feeds:
             return "nothing feeds it"
@@ -211,7 +212,7 @@ class ModeCard(Displayed):
         return f"ModeCard: {self.sentence}"
 
     def tables(self) -> list[Table]:
-        """The real modes with their phases, the parts, and what adds up to Re λ."""
+        """Tables of the real modes with their phases, of the parts, and of the forces that add up to Re λ."""
         rows = [{"name": str(one.name), "omega": one.frequency, "share": one.share, "phase": round(one.phase, 3) + 0.0}
                 | ({"mass": max(one.mass_shares.values()), "way": max(one.mass_shares, key=one.mass_shares.__getitem__)}
                    if one.mass_shares else {}) for one in self.real_modes]
@@ -232,7 +233,7 @@ class ModeCard(Displayed):
                                          Column("work", "work in a period", ".4g")], "What feeds it")]
 
     def chart(self, title: str = "") -> Chart:
-        """The shares of the real modes, of the parts in the kinetic energy, and what adds up to Re λ."""
+        """The shares of the real modes, the parts' shares of the kinetic energy, and the forces that add up to Re λ."""
         bars = (("real mode", "share of the mode  [%]", [(f"{one.name}, {one.frequency:.5g} rad/time", 100 * one.share)
                                                         for one in self.real_modes]),
                 ("part", "share of the kinetic energy  [%]", [(name, 100 * share) for name, share in self.energy.items()]),
@@ -254,43 +255,44 @@ class ModeCard(Displayed):
 
 def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexModes, which: Iterable[int] | None = None, *,
                full: Substructure | None = None, parameter: str = "mu", most: int = 6) -> tuple[ModeCard, ...]:
-    """Cards of complex modes (λ²M + λD + K)x = 0: the real modes that meet in each, and what adds up to Re λ.
+    """Cards of complex modes (λ²M + λD + K)x = 0: the real modes that meet in each, and the forces that add up to Re λ.
 
-    The real modes φ of M and of the symmetric part of K at μ = 0 make up x. Their shares are |yᴴMφ φᵀMx| over the sum of all,
-    with the left vector y: what one real mode contributes to yᴴMx. Of a sparse model the real modes up to 1.5 |λ| are taken,
-    and y in their span and that of x. The parts of Re λ are the powers of the forces over 2E:
+    The real modes φ of M and of the symmetric part of K at μ = 0 make up x. Their shares are |yᴴMφ φᵀMx|, the contribution of one
+    real mode to yᴴMx with the left vector y, over the sum of all. For a sparse model the real modes up to 1.5 |λ| are taken, and
+    y is found in the span of these and x. The parts of Re λ are the powers of the forces over 2E:
 
         2 Re λ E = -ω² Re xᴴDx - ω Im xᴴKx,   E = ω² xᴴMx + ω Im xᴴDx / 2.
 
-    At a node of a contact the power is Re(conj(iωu)f) with its force f = -(C_K - C_K⁰)u - iω C_D u. C_K⁰ is the symmetric part
-    of C_K at μ = 0, or of C_K where the contact has no μ.
+    At a node of a contact the power is Re(conj(iωu)f) with its force f = -(C_K - C_K⁰)u - iω C_D u. C_K⁰ is the symmetric part of
+    C_K at μ = 0, or of C_K if the contact has no μ.
 
     Parameters
     ----------
     model : Substructure or Pencil
         Full, reduced or a system.
     contacts : contact, sequence of contacts or None
-        Those that the modes belong to.
+        The contacts that the modes were computed with.
     modes : ComplexModes
-        Of this model with these contacts.
+        Complex modes of this model with these contacts.
     which : iterable of int, optional
-        Which modes, as `modes.unstable`. Of a pair the one with Im λ > 0 has the card. By default all that oscillate.
+        Indices of modes, such as `modes.unstable`. In a pair the mode with Im λ > 0 has the card. By default all oscillating
+        modes.
     full : Substructure, optional
-        Of a reduced system: what it was reduced from, so that its parts are named.
+        For a reduced system: the system that it was reduced from, so that its parts are named.
     parameter : str
         The field of contacts that is 0 without friction.
     most : int
-        How many real modes a card lists.
+        The number of real modes in a card.
 
     Returns
     -------
     tuple of ModeCard
-        ``print(card)`` shows one, ``card.sentence`` says what it is.
+        ``print(card)`` shows a card, ``card.sentence`` is its summary.
 
     Raises
     ------
     InputError, InputTypeError
-        Modes of another model, a mode that does not oscillate, a system with Lagrange multipliers.
+        The modes are of another model, a mode does not oscillate, or the system has Lagrange multipliers.
     MissedModesError, SingularMatrixError
         The real modes were not found: K without friction is indefinite.
 
@@ -354,7 +356,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
     shares = product / product.sum(axis=0)
     order = np.argsort(-shares, axis=0, kind="stable")[:whole_number("most", most, least=2)]
     plain = Substructure(M, K0, name="model") if isinstance(model, Pencil) else model
-    below = int(order[:2].max()) + 1  # all modes up to the highest that may meet another, so that pairs of a disc are counted
+    below = int(order[:2].max()) + 1  # all modes up to the highest that may meet another, to rank the pairs of a disc
     shown = np.union1d(np.arange(below), order)
     names = dict(zip(shown.tolist(), named(plain, real.shapes[:, shown], full), strict=True))
     places_of_pairs = places_in_families([names[j] for j in range(below)])
@@ -396,9 +398,9 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
 
 
 def left_vectors(pencil: Pencil, values: Array, X: Array, Phi: Array, H: Matrix | None) -> Array:
-    """y (r, k) in an M-orthonormal basis V of the real modes Φ, its first columns, and of the shapes X: yᴴVᵀP(λ)V = 0.
+    """y (r, k) with yᴴVᵀP(λ)V = 0, in an M-orthonormal basis V of the real modes Φ, its first columns, and the shapes X.
 
-    Since V has x, VᵀP(λ)V is singular at the λ of the model itself. Where Φ is complete, V y is the left vector.
+    Since the span of V contains x, VᵀP(λ)V is singular at the λ of the model itself. If Φ is complete, V y is the left vector.
     """
     M = pencil.M
     E = np.hstack([X.real, X.imag])
@@ -414,16 +416,16 @@ def left_vectors(pencil: Pencil, values: Array, X: Array, Phi: Array, H: Matrix 
 
 
 class Acting(NamedTuple):
-    """A contact's forces on its columns W (n, p): -(C - C⁰)u of the friction, and -C_D u̇. C⁰ does no work in a period."""
+    """A contact's forces on its columns W (n, p): -(C - C⁰)u by friction, and -C_D u̇. C⁰ does no work in a period."""
 
     name: str
     W: Matrix
     friction: Matrix  # C - C⁰
     damping: Matrix
-    node: Array  # of each column
+    node: Array  # of each column, its place in `nodes`
     nodes: tuple[str, ...]
     points: Array
-    along: Array  # the place of each node along the sliding, 0 at the leading edge to 1; NaN where nothing slides along
+    along: Array  # place of each node in the direction of sliding, 0 at the leading edge to 1; NaN without such a direction
 
     @classmethod
     def of(cls, model: Substructure, contact: Contact, parameter: str) -> Acting:
@@ -440,7 +442,7 @@ class Acting(NamedTuple):
         return cls(title, W, C - (C0 + C0.T) / 2, damping, node, nodes, places, along_sliding(contact, places))
 
     def at(self, omega: float, x: Array, kinetic: float) -> ContactWork:
-        """The parts of Re λ that the forces have at each node."""
+        """The parts of Re λ by the forces at each node."""
         u, count = np.asarray(self.W.T @ x), len(self.nodes)
         turning = np.bincount(self.node, -omega * (u.conj() * (self.friction @ u)).imag, count) / (2 * kinetic)
         braking = np.bincount(self.node, -omega**2 * (u.conj() * (self.damping @ u)).real, count) / (2 * kinetic)
@@ -452,7 +454,7 @@ class Acting(NamedTuple):
 
 
 def columns_of_contact(model: Substructure, contact: Contact) -> tuple[list[str], Array]:
-    """What each column of a contact is called, with the node numbers of the parts, and its place (p, 3)."""
+    """The name of each column of a contact, with the node numbers of the parts, and its place (p, 3)."""
     names: list[str] = []
     for port in contact.ports:
         count = model.port(port).size // model.size
@@ -473,7 +475,7 @@ def columns_of_contact(model: Substructure, contact: Contact) -> tuple[list[str]
 
 
 def along_sliding(contact: Any, points: Array) -> Array:
-    """Where each place lies between the edge at which the second body comes in, 0, and that at which it leaves, 1."""
+    """Position of each place in the direction of sliding: 0 at the edge where the second body enters, 1 where it leaves."""
     axis, direction = getattr(contact, "axis", None), getattr(contact, "direction", None)
     if (axis is None and direction is None) or not np.isfinite(points).all() or not len(points):
         return np.full(len(points), np.nan)
@@ -487,16 +489,16 @@ def along_sliding(contact: Any, points: Array) -> Array:
 
 
 def hertz(omega: float) -> str:
-    """'2.93 kHz', '34 Hz': ω in radians per unit of time, which is taken for seconds."""
+    """'2.93 kHz', '34 Hz' for ω in radians per unit of time; the unit of time is taken to be the second."""
     f = omega / (2 * np.pi)
     return f"{f / 1000:.3g} kHz" if f >= 1000 else f"{f:.3g} Hz"
 
 
 def places_in_families(names: Sequence[ModeName]) -> list[int]:
-    """`RealMode.place` of all modes from the lowest on: the place of its counts among those of this motion.
+    """`RealMode.place` of all modes from the lowest on: the rank of the mode's counts among all counts with this motion.
 
-    What is attached to a disc may split or mix a pair, so that counts have a place and modes have not. A third clear mode with
-    the same counts belongs to a pair of its own, as of a hat: from there on places are not known, 0.
+    Attached parts may split or mix a pair of a disc. So the counts are ranked, not the modes. A third clear mode with the same
+    counts belongs to another pair, such as a pair of a hat: from there on ranks are not known, 0.
     """
     seen, places, found = Counter[tuple[Any, ...]](), dict[tuple[Any, ...], dict[Any, int]](), list[int]()
     for name in names:

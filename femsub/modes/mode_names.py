@@ -1,6 +1,6 @@
-"""`mode_names`: what a mode is, read from its shape: nodal diameters and circles of a disc, half waves of a beam or a plate.
+"""`mode_names`: names of modes from their shapes: nodal diameters and circles of a disc, half waves of a beam or a plate.
 
-The geometry of each part follows from the places of its DOF: a body of revolution is a disc, a slender one a beam, a thin one a
+The geometry of each part follows from the places of its DOF: a body of revolution is a disc, a slender body a beam, a thin body a
 plate. The part with most of the kinetic energy gives a mode its name.
 """
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModeName:
-    """What a mode of a model is. `mode_names` finds it.
+    """The name of a mode: its part, its kind of motion and its counts. Made by `mode_names`.
 
     Attributes
     ----------
     part : str
         The part with the largest share of the kinetic energy.
     share : float
-        That share.
+        The share of the kinetic energy in this part.
     family : str
         'disc', 'beam', 'plate', 'rigid', or 'other'.
     motion : str
-        Of a disc 'out of plane', 'in plane, radial', 'in plane, tangential'; of a beam 'bending', 'torsion' or 'axial'; of a
-        plate 'out of plane' or 'in plane'; of a rigid motion 'along x', 'about z'; else the DOF that moves most.
+        For a disc 'out of plane', 'in plane, radial', 'in plane, tangential'; for a beam 'bending', 'torsion' or 'axial'; for a
+        plate 'out of plane' or 'in plane'; for a rigid motion 'along x', 'about z'; else the DOF that moves most.
     counts : tuple of int
-        Of a disc nodal diameters and circles, of a beam half waves, of a plate half waves along its length and its width.
+        Nodal diameters and circles of a disc, half waves of a beam, half waves along the length and the width of a plate.
     purity : float
         The share of the part's motion that has this form.
 
@@ -60,17 +60,17 @@ class ModeName:
 
     @property
     def same(self) -> tuple[Any, ...]:
-        """What two modes of a pair have in common."""
+        """The values that are equal for the two modes of a pair."""
         return self.part, self.family, self.motion, self.counts
 
     @property
     def mixed(self) -> bool:
-        """Whether less than two thirds of a disc's motion have these counts: what is attached mixes its modes."""
+        """Whether less than two thirds of a disc's motion has these counts: attached parts mix its modes."""
         return self.family == "disc" and self.purity < 2 / 3
 
     @property
     def lines(self) -> str:
-        """'4 nodal diameters and 1 nodal circle' of a disc; '' of all else."""
+        """'4 nodal diameters and 1 nodal circle' for a disc; else ''."""
         if self.family != "disc":
             return ""
         n, m = self.counts
@@ -95,7 +95,7 @@ class ModeName:
 
 
 class MovingPart(NamedTuple):
-    """A part without parts of its own, in the motions q (r, k) and u (n, k), with the map of u."""
+    """A part without parts of its own, with its coordinates q (r, k), its displacements u (n, k), and the DOF map of u."""
 
     name: str
     model: Substructure
@@ -105,7 +105,7 @@ class MovingPart(NamedTuple):
 
 
 def pieces_of(model: Any, X: Array, full: Any = None, name: str = "") -> Iterator[MovingPart]:
-    """The parts of a model, down to those that have no parts, in the motions X (n, k). `full` is what it was reduced from."""
+    """The innermost parts of a model in the motions X (n, k). `full` is the model that it was reduced from."""
     if full is not None:
         X, model = model.expand(X), full
     parts = getattr(model, "parts", None)
@@ -137,23 +137,23 @@ def parts_energies(model: Any, X: Array, full: Any = None) -> tuple[dict[str, Ar
 
 def mode_names(model: Substructure, modes: NormalModes | ComplexModes, *, full: Substructure | None = None
                ) -> tuple[ModeName, ...]:
-    """Names of modes (n, k) by their shapes: the part that moves, and what it does.
+    """Names of modes (n, k) by their shapes: the part that moves most, and its motion.
 
     A disc is a body of revolution that is not longer than wide, also with a hat, and with pads attached to it. Its motion is
-    expanded in cos nθ and sin nθ about its axis. The n with most of the motion is the number of nodal diameters. Nodal circles
-    are the changes of sign of that part along the radius. Circles and the plane of the motion are read where the rim is, since a
-    hat moves in the plane where its ring bends. A beam is more than three times as long as wide, a plate twice as wide as thick.
-    Half waves are one more than changes of sign. A part that nothing within itself holds, and that moves as a rigid body by more
-    than a half, is called so. All else is named by the DOF that moves most.
+    expanded in cos nθ and sin nθ about its axis. The n with most of the motion is the number of nodal diameters. The changes of
+    sign of this term along the radius are the nodal circles. Circles and the plane of the motion are read at the rim, since a hat
+    moves in plane where its ring bends. A beam is more than three times as long as wide, a plate more than twice as wide as
+    thick. The number of half waves is the number of sign changes plus one. A part without supports of its own, with more than
+    half of its motion rigid, has a rigid motion. All other motions are named by the DOF that moves most.
 
     Parameters
     ----------
     model : Substructure
         Full, reduced or a system.
     modes : NormalModes or ComplexModes
-        Of this model.
+        The modes of this model.
     full : Substructure, optional
-        Of a reduced system: what it was reduced from, whose parts are named.
+        For a reduced system: the system that it was reduced from. Its parts are named.
 
     Returns
     -------
@@ -202,14 +202,14 @@ def named(model: Any, X: Array, full: Any = None) -> tuple[ModeName, ...]:
 
 
 def _of_piece(piece: MovingPart, columns: Array, shares: Array) -> list[ModeName]:
-    """The names of some motions, in which this part moves most."""
+    """The names of the motions `columns`, in which this part moves most."""
     q, u, model = piece.q[:, columns], piece.u[:, columns], piece.model
     body = None if piece.dofs is None else Geometry.of(piece)
     if body is None:
         most = np.abs(q * np.sqrt(np.abs(model.M.diagonal()))[:, None]).argmax(axis=0)
         return [ModeName(piece.name, float(share), "other", model.dof_name(int(row)))
                 for row, share in zip(most, shares, strict=True)]
-    # the part of each motion that is rigid, if nothing within the part holds it
+    # the rigid share of each motion, if no support within the part holds it
     rigid, share = np.zeros_like(q), np.zeros(len(columns))
     if (motion := motion_of(model.rigid_motion) or by_places(model)) is not None and motion.count:
         Z = motion.shapes
@@ -230,19 +230,19 @@ class Geometry:
     def __init__(self, points: Array, rows: Array, weight: Array, around: Array, mass: Array) -> None:
         """Nodes (m, 3), the row of u of each translation (m, 3), -1 for none, and weights (m,).
 
-        `around` (k, 3) are the nodes of the whole part, with those that supports hold, and `mass` (k,) their weights.
+        `around` (k, 3) are the nodes of the whole part, nodes at supports included, and `mass` (k,) their weights.
         """
         self.points, self.rows, self.weight, self.around, self.mass = points, rows, weight, around, mass
         self.centre = mass @ around / mass.sum()
         centred = around - self.centre
-        self.axes = np.linalg.eigh(centred.T @ (mass[:, None] * centred))[1][:, ::-1].T  # the longest first
+        self.axes = np.linalg.eigh(centred.T @ (mass[:, None] * centred))[1][:, ::-1].T  # the longest axis first
         if np.linalg.det(self.axes) < 0:
             self.axes[2] *= -1
         self.extent = np.ptp(centred @ self.axes.T, axis=0)
 
     @classmethod
     def of(cls, piece: MovingPart) -> Geometry | None:
-        """None where no translation of a node is known."""
+        """The geometry of a part from its DOF map; None if no translation of a node is known."""
         dofs = piece.dofs
         if dofs is None or dofs.points is None or not any(label in AXES for label in dofs.labels):
             return None
@@ -262,7 +262,7 @@ class Geometry:
         return cls(points, rows, weight, around, mass) if len(nodes) > 1 and weight.any() else None
 
     def moved(self, u: Array) -> Array:
-        """The translations of the nodes, (m, 3), complex ones turned to the phase with most of the motion."""
+        """The translations of the nodes, (m, 3); complex translations are turned to the phase with most motion."""
         v = np.where(self.rows >= 0, u[self.rows], 0.0)
         if np.iscomplexobj(v):
             v = v * np.exp(-0.5j * np.angle((self.weight[:, None] * v * v).sum()))
@@ -271,7 +271,7 @@ class Geometry:
 
     @cached_property
     def axis(self) -> tuple[Array, Array] | None:
-        """The direction of the axis of a body of revolution and a point of it; None of another body."""
+        """The direction of the axis of a body of revolution, and a point on it; None for other bodies."""
         x = self.around - self.centre
         for at in range(3):
             e, first, second = self.axes[at], self.axes[(at + 1) % 3], self.axes[(at + 2) % 3]
@@ -279,7 +279,7 @@ class Geometry:
             if abs(self.mass @ (a**2 - b**2)) > 0.1 * (self.mass @ a**2) or np.ptp(x @ e) > np.hypot(a, b).max() * 2:
                 continue
             shift = np.zeros(2)
-            for _ in range(3):  # the outermost node of each sector lies on the rim, whose centre is sought
+            for _ in range(3):  # the outermost node of each sector lies on the rim, whose centre is fitted
                 angle, r = np.arctan2(b - shift[1], a - shift[0]), np.hypot(a - shift[0], b - shift[1])
                 sector = np.minimum((angle + np.pi) / (2 * np.pi) * 12, 11).astype(int)
                 outer = np.zeros(12)
@@ -302,7 +302,7 @@ class Geometry:
         return [self.as_plate(v) if wide > 2 * thick else ("other", "elastic motion", (), 1.0) for v in V]
 
     def way(self, u: Array) -> str:
-        """The largest component of a rigid motion, of translations and of rotations about the centre of mass."""
+        """The largest component of a rigid motion, among translations and rotations about the centre of mass."""
         v, w = self.moved(u), self.weight[:, None] * (self.rows >= 0)
         centre = self.weight @ self.points / self.weight.sum()
         motions = {f"along {name}": np.tile(e, (len(v), 1)) for name, e in zip("xyz", np.eye(3), strict=True)}
@@ -371,7 +371,7 @@ class Geometry:
 
 
 class Disc:
-    """Nodes in cylindrical coordinates about an axis, and the parts of a motion in cos nθ and sin nθ."""
+    """Nodes in cylindrical coordinates about an axis, for the expansion of motions in cos nθ and sin nθ."""
 
     def __init__(self, points: Array, weight: Array, e: Array, centre: Array) -> None:
         x = points - centre
@@ -385,7 +385,7 @@ class Disc:
         self.directions = radial, np.cross(e, radial), np.tile(e, (len(x), 1))
         self.root, self.r = np.sqrt(weight), r
         rim = r > r.max() - 0.02 * np.ptp(r) - POSITION * r.max()
-        # twice as many nodes as diameters, and one node for each angle: more cannot be distinguished
+        # more diameters than half of the number of nodes along the rim cannot be distinguished; nodes at one angle count once
         count = len(np.unique(np.round(self.angle[rim] / POSITION).astype(int) % round(2 * np.pi / POSITION)))
         self.most = max(1, (count - 1) // 2)
         self.over = (legendre(r, 4)[:, :, None] * legendre(height, 2)[:, None, :]).reshape(len(r), -1)
@@ -394,7 +394,7 @@ class Disc:
         self.ring = (height >= low - slack) & (height <= high + slack)
 
     def harmonics(self, parts: Array) -> Array:
-        """Σ w u² of the parts of components (c, m) in cos nθ and sin nθ, for each n, (n, c)."""
+        """Σ w u² of the terms in cos nθ and sin nθ of components (c, m), for each n, (n, c)."""
         found, b = [], (self.root * parts).T
         for n in range(self.most + 1):
             waves = [np.cos(n * self.angle), np.sin(n * self.angle)][:1 if n == 0 else 2]
@@ -405,7 +405,7 @@ class Disc:
         return np.array(found)
 
     def profile(self, part: Array, n: int) -> Array:
-        """The part of one component in cos nθ and sin nθ along the radius, in the plane of the rim."""
+        """The terms in cos nθ and sin nθ of one component, along the radius, in the plane of the rim."""
         at = self.ring
         radial = legendre(self.r[at], 7)
         waves = [np.cos(n * self.angle[at]), np.sin(n * self.angle[at])][:1 if n == 0 else 2]
@@ -419,7 +419,7 @@ class Disc:
 def legendre(x: Array, degree: int) -> Array:
     """Legendre polynomials of x (m,), scaled to -1 to 1, up to `degree`, or half the number of different x.
 
-    Through all of evenly spaced values a polynomial would swing between them.
+    A polynomial through all of many evenly spaced values would oscillate between them.
     """
     span = float(np.ptp(x))
     if not span:
@@ -429,7 +429,7 @@ def legendre(x: Array, degree: int) -> Array:
 
 
 def stations(x: Array, most: int = 200, bins: int = 60) -> Array:
-    """The number of the cross-section of each node (m,): of those of one x, or of slices where there are too many."""
+    """The number of the cross-section of each node (m,): nodes of equal x, or slices if there are too many different x."""
     span = float(np.ptp(x))
     at = np.round((x - x.min()) / span / POSITION)
     if len(np.unique(at)) > most:

@@ -1,4 +1,4 @@
-"""Modes that are known at some degrees of freedom only, as measured ones or those of another program, and their comparison."""
+"""Modes that are known at some degrees of freedom only, such as measured modes, and their comparison with a model."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class ModeSet(Frozen):
     """Modes without matrices: λ, shape (k,), and shapes (m, k) at m degrees of freedom. Made by `read_modes`.
 
-    λ = -ζω + iω√(1 - ζ²) of an oscillation ω with the damping ratio ζ.
+    λ = -ζω + iω√(1 - ζ²) for an oscillation with the frequency ω and the damping ratio ζ.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class ModeSet(Frozen):
     shapes : array_like, shape (m, k)
         Real or complex, each in a scale of its own.
     dofs : DofMap
-        Node and direction of each row, with places where they are known.
+        Node and direction of each row, with the places of nodes if they are known.
     notes : sequence of str
         Remarks of the reader.
 
@@ -97,17 +97,17 @@ class ModeSet(Frozen):
         """Pair these modes with those of a model by their shapes at the common DOF.
 
         MAC = |xᴴy|² / (xᴴx yᴴy), shape (k, l), with the shapes x (p, k) known and y (p, l) of the model at p DOF (Allemang and
-        Brown 1982). Rotations count only where there is nothing else, since they have another unit.
+        Brown 1982). Rotations count only if there are no common displacements, since they have another unit.
 
         Parameters
         ----------
         model : Substructure
             Full or reduced, with the DOF map of its nodes.
         modes : NormalModes or ComplexModes
-            Of this model. Of complex ones those with Im λ ≥ 0 count.
+            The modes of this model. Complex modes count if Im λ ≥ 0.
         tol : float, optional
-            Where the numbers of the nodes differ: each node is the model's nearest one, which may lie so far away. By default
-            nodes are the same if their numbers are.
+            If node numbers differ: each node is matched to the model's nearest node, up to this distance. By default nodes are
+            matched by their numbers.
 
         Returns
         -------
@@ -156,7 +156,7 @@ class ModeSet(Frozen):
     def _common(self, dofs: DofMap, tol: float | None) -> tuple[Array, Array]:
         """Rows of this set, and rows of the model's map for the same motions."""
         nodes = self.dofs.nodes
-        if tol is not None:  # of each row the number of the model's nearest node; -1 where none is near
+        if tol is not None:  # for each row the number of the model's nearest node; -1 if none is near
             from scipy.spatial import cKDTree
 
             positive_number("tol", tol)
@@ -177,22 +177,22 @@ class ModeSet(Frozen):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModePairs(Frozen):
-    """Which known mode is which mode of a model, made by `ModeSet.compare`.
+    """Pairs of known modes and modes of a model, made by `ModeSet.compare`.
 
     Attributes
     ----------
     known, found : ndarray of int, shape (p,)
-        Indices of the modes known and of the model's.
+        Indices of the known modes, and of their partners among the model's modes.
     mac : ndarray, shape (p,)
         xᴴPx / xᴴx, where P projects on the model's modes of that frequency (within 0.1 %): for a single mode the MAC.
     change : ndarray, shape (p,)
-        ω of the model over ω known, less 1; inf where a rigid-body motion is paired with another mode.
+        ω of the model over the known ω, minus 1; inf if a known rigid-body motion is paired with an elastic mode.
     table : ndarray, shape (k, l)
         The MAC of each known mode and each mode of the model.
     dofs : int
         DOF that were compared.
     directions : tuple of str, length d
-        Those of the model's modes, see `NormalModes`; empty for complex modes.
+        Directions of the model's effective masses, see `NormalModes`; empty for complex modes.
     mass_shares : ndarray, shape (p, d)
         The effective masses of the model's paired modes, over its whole mass.
     """

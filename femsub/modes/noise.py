@@ -1,13 +1,13 @@
-"""Noise of measured receptances, and what it does to all that follows from them to first order.
+"""Noise of measured receptances, and its effect to first order on all results that follow from them.
 
-A measured Y (a, b) is off by δ, of mean 0. A figure that follows from it is off by e = L δ R, with L (nr, a) and R (b, nl). Two
-entries e and e' have the covariance Γ = E[e ē'] and the pseudo-covariance C = E[e e']. From n repeated measurements with the
-deviations d from their mean, of the mean,
+A measured Y (a, b) has the error δ, with mean 0. A result that follows from it has the error e = L δ R, L (nr, a), R (b, nl). Two
+entries e and e' have the covariance Γ = E[e ē'] and the pseudo-covariance C = E[e e']. The mean of n repeated measurements, with
+the deviations d from it, has
 
     Γ = Σ (L d R) conj(L d R)' / (n (n - 1)),   C = Σ (L d R) (L d R)' / (n (n - 1)),
 
-so noise that entries have in common, as of one sensor, is in them. A stated σ for each entry stands for independent entries with
-real and imaginary parts of one size: Γ = Σ L R σ² conj(L R)', C = 0.
+so common noise of several entries, such as noise of one sensor, is included. A stated σ for each entry means independent entries
+with real and imaginary parts of equal size: Γ = Σ L R σ² conj(L R)', C = 0.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from femsub.checks import Array
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """The noise of one measurement, and how it comes through.
+    """The noise of one measurement, and its way to a result: e = L δ R.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Noise:
     scatter : ndarray, shape (nf, a, b), optional
         σ of independent entries.
     deviations : ndarray, shape (ns, nf, a, b), optional
-        Those of repeated measurements from their mean.
+        Deviations of ns repeated measurements from their mean.
     small : ndarray of bool, shape (nf or 1,)
-        Where the noise is small enough for first order.
+        Whether the noise is small enough for first order, at each frequency.
     """
 
     left: Array
@@ -43,17 +43,17 @@ class Noise:
 
     @classmethod
     def of(cls, rows: int, columns: int, *, scatter: Array | None = None, deviations: Array | None = None) -> Noise:
-        """That of a measurement itself."""
+        """The noise of a measurement itself, with L = I and R = I."""
         return cls(np.eye(rows)[None], np.eye(columns)[None], np.ones(1, dtype=bool), scatter, deviations)
 
     def through(self, left: Array, right: Array, small: Array | None = None) -> Noise:
-        """That of left Y right."""
+        """The noise of the result left Y right."""
         return replace(self, left=left @ self.left, right=self.right @ right,
                        small=self.small if small is None else self.small & small)
 
     @property
     def repeated(self) -> int:
-        """The number of measurements; 0 of a stated σ."""
+        """The number of repeated measurements; 0 for a stated σ."""
         return 0 if self.deviations is None else len(self.deviations)
 
     def moments(self) -> tuple[Array, Array]:
@@ -73,7 +73,7 @@ class Noise:
     def covariance(self, rows: Array, columns: Array, most: int = 2_000_000) -> tuple[Array, Array]:
         """Γ and C of the entries (rows, columns), (nf, k, k) each; NaN where the noise is not small.
 
-        Temporary arrays have at most so many numbers: 32 MB, which the cache of a processor nearly holds.
+        Temporary arrays have at most `most` numbers: 32 MB, about the size of a processor's cache.
         """
         left, right = self.left[:, rows], np.swapaxes(self.right[:, :, columns], 1, 2)  # (nf, k, a), (nf, k, b)
         if self.deviations is None:

@@ -68,7 +68,7 @@ log = logging.getLogger(__name__)
 ACCEPTED = 1e-10  # the largest relative residual of a mode that is returned
 GOOD = 64 * EPS  # scaled residual above which a mode is refined, if any mode is poor
 HEAVY = 100  # nonzeros of the factor per row from which block solves are faster
-BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at it
+BEYOND = (0.0, 3e-6, 1e-5, 3e-5)  # relative shifts of a limit, tried in turn until no mode lies at the limit
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,26 +87,27 @@ class NormalModes(Shaped):
     residual : ndarray, shape (k,)
         ‖Kφ - ω²Mφ‖ / ‖(|K| + ω²|M|)|φ|‖, dimensionless; 0 for rigid motion that the model carries from its full parts.
     counted : tuple (limit, count)
-        The inertia count: `count` modes lie below the frequency `limit`, rigid-body modes included, and all were found. The
-        limit lies above the modes listed. If the list ends inside a cluster, it lies just below that.
+        The inertia count: `count` modes lie below the frequency `limit`, rigid-body modes included, and all were found. The limit
+        lies above the modes listed. If the list ends inside a cluster, the limit lies just below the cluster.
     unlisted : int
         Modes that were found but not listed, since they lie outside the requested band.
     tally : Tally
-        The modes found below the limit, and their number by the inertia count, if it has been made; see `count_deferred`.
+        The number of modes found below the limit, and their number by the inertia count, if that has been made; see
+        `count_deferred`.
     factorisations : int
-        Factorisations made for the modes, without that of the count: 0 if an earlier call had made it.
+        Factorisations made for the modes, without the one for the count; 0 if an earlier call had made the factor.
     rounding : ndarray, shape (k,)
-        u |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding
-        (0 for rigid-body modes). u is eps, or more where K was written with fewer digits (`rounding_of`). Modes
-        of little energy whose rigid motion Z is known exactly, from parts of a system or as translations, are corrected with
-        K Z = 0; theirs is the error that is left.
+        u |φ|ᵀ(|K| + ω²|M|)|φ| / ω²: the relative change of ω² if each entry of K and M changes by one rounding (0 for rigid-body
+        modes). u is eps, or more if K was written with fewer digits (`rounding_of`). Modes of little energy are corrected with K
+        Z = 0 if the rigid motion Z is known exactly, from parts of a system or as translations. For these modes it is the error
+        after the correction.
     directions : tuple of str, length d
-        Of rigid accelerations that move mass: 'ux', 'uy', 'uz', and 'rx', 'ry', 'rz' about the origin. None where the model does
-        not know how it moves as a rigid body.
+        Directions of rigid accelerations that move mass: 'ux', 'uy', 'uz', and 'rx', 'ry', 'rz' about the origin. Empty if the
+        rigid motion of the model is not known by directions.
     coupling : ndarray, shape (k, d)
         L = ΦᵀP with the forces P of these accelerations; L² are the effective masses. See `effective_masses` for their sums.
     mass : ndarray, shape (d,)
-        The whole mass, or moment of inertia.
+        The whole mass, or moment of inertia, in each direction.
 
     Examples
     --------
@@ -131,7 +132,7 @@ class NormalModes(Shaped):
 
     @property
     def mass_shares(self) -> Array:
-        """The effective masses over the whole mass, L² / m of each mode and direction, (k, d)."""
+        """The effective masses relative to the whole mass, L² / m for each mode and direction, (k, d)."""
         return self.coupling**2 / self.mass
 
     @property
@@ -146,7 +147,7 @@ class NormalModes(Shaped):
 
     @property
     def elastic(self) -> Array:
-        """The frequencies that do not belong to rigid motion."""
+        """The frequencies of the elastic modes, without rigid motion."""
         return self.frequencies[self.rigid:]
 
     @property
@@ -156,7 +157,7 @@ class NormalModes(Shaped):
 
     @property
     def count_words(self) -> str:
-        """Where their number is known from, in words."""
+        """How the number of modes is known, in words."""
         limit, count = self.counted
         words = f"the inertia of K - ω²M counts {count} below {limit:.6g}" if np.isfinite(limit) else "all were computed"
         return words + f", {self.unlisted} of them outside the band" * bool(self.unlisted)
@@ -167,7 +168,7 @@ class NormalModes(Shaped):
                 for i, (omega, residual) in enumerate(zip(self.frequencies, self.residual, strict=True), 1)]
 
     def elastic_band(self, count: int, beside: float = 0.02) -> tuple[float, float]:
-        """From 0 to `beside` beyond so many elastic modes, and beyond those so close above them that the end would part them."""
+        """The band from 0 to a share `beside` above the first `count` elastic modes; closely following modes are included."""
         omega = self.elastic
         last = min(count, len(omega)) - 1
         while last + 1 < len(omega) and omega[last + 1] < (1 + 2 * beside) * omega[last]:
@@ -180,15 +181,15 @@ class NormalModes(Shaped):
         return [Table("modes", rows, ["mode", "omega", "residual"], "Normal modes")] if rows else []
 
     def chart(self, title: str = "Normal modes") -> Chart:
-        """Frequencies by their numbers."""
+        """The chart of the frequencies over the mode number."""
         return frequencies_chart(self, title)
 
     def drawn_first(self) -> list[int]:
-        """Elastic modes."""
+        """Indices of the elastic modes."""
         return list(range(self.rigid, len(self.eigenvalues)))
 
     def title_of(self, i: int) -> str:
-        """The title of a shape."""
+        """The title of a picture of shape i: mode number and frequency."""
         return f"mode {i + 1}: ω = {self.frequencies[i]:.5g} rad/time"
 
     def __repr__(self) -> str:
@@ -201,7 +202,7 @@ class NormalModes(Shaped):
 
 
 def moved(directions: Sequence[str], shares: Array) -> str:
-    """The effective masses of modes (k, d) as the end of a sentence, in directions of translation; '' without any."""
+    """The effective masses (k, d) in directions of translation, in words to end a sentence; '' if there are none."""
     sums = [f"{share:.1%} of {name}".replace("%", " %") for name, share in zip(directions, shares.sum(axis=0), strict=True)
             if name in TRANSLATIONS]
     return f"; they move {', '.join(sums)}" if sums else ""
@@ -209,11 +210,11 @@ def moved(directions: Sequence[str], shares: Array) -> str:
 
 def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: NormalModes | None = None,
                  evidence: bool = True, fewer: bool = False) -> NormalModes:
-    """The rigid-body modes and the `count` lowest elastic ones, certified by an inertia count.
+    """The rigid-body modes and the `count` lowest elastic modes, certified by an inertia count.
 
     With `defer`, the inertia count of a large model is left to `count_deferred`: it needs a second factorisation, and the first
     one may have to be freed before. `known` modes are deflated instead of computed again. Without `evidence` there is no count.
-    With `fewer`, all modes are returned where there are no more, unless these are many of a large model.
+    With `fewer`, a `count` above the number of modes returns all of them, unless they are too many in a large model.
     """
     n, rigid = handle.K.shape[0], handle.rigid.shape[1]
     whole = fewer and count >= handle.elastic and (n <= DENSE or handle.elastic <= 0.3 * n)
@@ -228,15 +229,15 @@ def lowest_modes(handle: ShiftInvert, count: int, defer: bool = False, known: No
 
 
 def all_modes(K: Matrix, M: Matrix, accepted: float = ACCEPTED, carried: Carried = None) -> NormalModes:
-    """All modes, by LAPACK. A DOF without mass has none. `accepted` is the largest relative residual of a mode."""
+    """All modes, by LAPACK. A DOF without mass adds no mode. `accepted` is the largest relative residual of a mode."""
     return _dense(ShiftInvert(K, M, carried=carried), None, accepted)
 
 
 def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -> NormalModes:
     """All modes by LAPACK. Massless DOF are condensed.
 
-    K + MΦ(λ₁/4 - Ω²)ΦᵀM shifts the rigid-body modes, and elastic ones that K holds no digits of, to ω² = λ₁/4, a quarter of the
-    lowest of the others, and leaves these unchanged.
+    K + MΦ(λ₁/4 - Ω²)ΦᵀM shifts the rigid-body modes, and elastic modes of which K holds no digits, to ω² = λ₁/4. λ₁ is the lowest
+    ω² of the other modes, which do not change.
     """
     import scipy.linalg as la
 
@@ -269,7 +270,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
         raise InputError(f"{count} elastic modes were asked for, but only {len(values) - rigid} have a clearly finite frequency")
     tally = Tally(0, 0)
     if len(values):
-        # a limit far above all modes: if M is nearly singular, the highest mode loses digits first
+        # with all modes the limit lies far above them: if M is nearly singular, the highest mode loses digits first
         least = min(lifted + count, len(values))
         edge, below = _limit(values, least) if least < len(values) else (2 * float(values[-1]), len(values))
         counted = negative_eigenvalues(K - edge * M)
@@ -280,7 +281,7 @@ def _dense(handle: ShiftInvert, count: int | None, accepted: float = ACCEPTED) -
     shapes[massive], shapes[bare] = moving[:, keep], bound @ moving[:, keep]
     shapes = shapes if turn is None else turn @ shapes
     values, shapes = np.append(own, values[keep]), np.hstack([soft, shapes])
-    order = np.argsort(values, kind="stable")[:count]  # K may hold the digits of a mode below some that it holds none of
+    order = np.argsort(values, kind="stable")[:count]  # K may hold digits of a mode below others of which it holds none
     shapes = handle.deflate(shapes[:, order])
     shapes /= np.sqrt(np.einsum("ij,ij->j", shapes, handle.M @ shapes))
     return _result(handle, values[order], shapes, (np.inf, moving.shape[1]), tally, accepted)
@@ -307,7 +308,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
             counts = evidence and known is None
             converged = min(count, ask) if counts else converged
             with ExitStack() as stack:
-                # it ends with a step of inverse iteration: residuals are 1e-13 to 1e-11 then
+                # block Lanczos ends with a step of inverse iteration, which brings residuals to 1e-13 to 1e-11
                 more = block_lanczos(handle.factor, handle.M, handle.sigma, ask, tol=10 * ACCEPTED, known=beside,
                                      seen=_counted_beside(handle, nonzeros, count, stack) if counts else None)
         else:
@@ -329,7 +330,7 @@ def _sparse(handle: ShiftInvert, count: int, defer: bool, known: NormalModes | N
         if heavy and defer:
             return _result(handle, values[:count], shapes[:, :count], *uncounted)
         checked = None
-        if handle.is_counting:  # by another process: the residuals can be found meanwhile, and else wait for it in turn
+        if handle.is_counting:  # another process counts: residuals are computed meanwhile
             with handle.sharing:
                 checked = _result(handle, values[:count], shapes[:, :count], *uncounted)
         counted = _count(handle, limit, handle.make_room if heavy else None)
@@ -374,12 +375,12 @@ def count_deferred(handle: ShiftInvert, modes: NormalModes) -> NormalModes:
 
 
 def _with_tally(modes: NormalModes, tally: Tally) -> NormalModes:
-    """The modes with this tally, without its count where rounding may make one of them rigid motion."""
+    """The modes with this tally; without the count, if within rounding one of the modes may be rigid motion."""
     return replace(modes, tally=tally if modes.rounding.max(initial=0.0) <= 1 else replace(tally, counted=None))
 
 
 def counted_early(K: Matrix, M: Matrix, limit: float) -> CountBeside | None:
-    """A process that counts the modes with ω < limit while this one still makes its factor of K; None where it may not pay."""
+    """A process that counts the modes with ω < limit while this process factorises K; None if it may not pay."""
     from femsub.algebra import BLOCKS, CountBeside
 
     beside = None if _is_counted(K, M, limit) else CountBeside.early(K, M, BLOCKS)
@@ -390,9 +391,9 @@ def counted_early(K: Matrix, M: Matrix, limit: float) -> CountBeside | None:
 
 @contextmanager
 def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
-    """Work beside which a process counts the modes with ω < limit, for `modes_below` with the same handle and limit.
+    """A context in which another process counts the modes with ω < limit, for `modes_below` with the same handle and limit.
 
-    This process keeps one core. Where there is no room for another one, or the count is known, nothing is counted.
+    This process keeps one core. If there is no memory for another process, or the count is known, nothing is counted.
     """
     from femsub.algebra import BLOCKS, CountBeside, SparseFactor
 
@@ -406,10 +407,10 @@ def counted_beside(handle: ShiftInvert, limit: float) -> Iterator[None]:
 
 def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
                     stack: ExitStack) -> Callable[[Array, Array], int]:
-    """A function of approximate ω² (k,) and their relative errors that begins the count once they show its limit.
+    """A function of approximate ω² (k,) and their relative errors that starts the count once the ω² show its limit.
 
-    It returns how many of them have to converge: those beyond the modes wanted only show the limit. Meanwhile this process keeps
-    one core; the stack gives the other back.
+    It returns how many ω² have to converge: those above the wanted modes only show the limit. Meanwhile this process keeps one
+    core; the stack gives the other back.
     """
     from femsub.algebra import CountBeside
 
@@ -420,9 +421,9 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
     def seen(values: Array, error: Array) -> int:
         give_back_cores()
         limit = _limit(values, count)[0]
-        # The residual bounds the error of ω². So does its square over the distance to the modes beyond, about `apart`.
+        # The residual bounds the error of ω². So does its square over the distance to the next modes, about `apart`.
         apart = max(values[-1] / values[count - 1] - 1, EPS) if count else EPS
-        far = 3 * error * values  # which the error is of the mode that is meant, if not of another one near it
+        far = 3 * error * values  # bounds the distance to some mode, the intended one or a neighbour
         near = far * np.minimum(1.0, error / apart)
         clear = bool((np.abs(values - limit) > far).all())
         if beside is not None and beside.value is None and (np.abs(values - limit) > near).all():
@@ -430,14 +431,14 @@ def _counted_beside(handle: ShiftInvert, nonzeros: float, count: int,
             stack.enter_context(one_thread(True))
         elif beside is not None and not beside.busy:
             stack.close()
-        # modes that are not listed only show where a limit may lie: their error, the square, must be far within a gap
+        # modes that are not listed only show where a limit may lie: their error, the square, must be far smaller than a gap
         return count if clear and error.max() ** 2 < DOUBLE / 100 else len(values)
 
     return seen
 
 
 def _count(handle: ShiftInvert, limit: float, make_room: Callable[[], None] | None = None) -> int:
-    """The number of ω² below the limit, from the process beside that counts, if it counts up to this limit; see `modes_under`."""
+    """The number of ω² below the limit, from the counting process if that counts up to this limit, else by `modes_under`."""
     beside, handle.beside = handle.beside, None
     counted = beside.answer() if beside is not None and isclose(limit, beside.value or 0.0, rel_tol=4 * EPS) else None
     return modes_under(handle.K, handle.M, limit, make_room) if counted is None else counted
@@ -465,7 +466,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
         rounding[blurred], residual[blurred] = known
     if len(shapes) <= DENSE:
         scaled, doubt = scaled_errors(handle.K, handle.M, values, shapes)
-        poor = (residual > accepted) | (doubt > np.maximum(EPS**0.5, 100 * rounding))  # far more than rounding in K explains
+        poor = (residual > accepted) | (doubt > np.maximum(EPS**0.5, 100 * rounding))  # far above the effect of rounding in K
         elastic = values > 0
         elastic[blurred] = False
         if poor[elastic].any():
@@ -479,11 +480,11 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     if (values[handle.rigid.shape[1]:] <= 0).any():
         raise SingularMatrixError(f"rounding in the entries of K hides an elastic mode: its ω² comes out as {values.min():.3g}. "
                                   f"{IN_PARTS}")
-    residual[:handle.surely_rigid] = 0.0  # K may hold nothing of these coordinates but rounding
-    # forces and modal coordinates have no common unit: a mode is good as well if it is so with each DOF in its own
+    residual[:handle.surely_rigid] = 0.0  # K may have nothing but rounding in these coordinates
+    # forces and modal coordinates have no common unit: a mode is also good if it is good with each DOF in its own unit
     beyond = np.minimum(residual, own)
     beyond /= np.where(values > 0, accepted, max(accepted, handle.unit))  # rigid motion: within K's own rounding
-    beyond[blurred] = 0.0  # the forces of such a mode are rounding beside those that cancel; the error of its ω² is known
+    beyond[blurred] = 0.0  # in such a mode the forces that remain are rounding of those that cancel; the error of its ω² is known
     if not beyond.max(initial=0.0) <= 1:
         at = int(beyond.argmax())
         raise NotConvergedError(f"mode {at + 1} has a relative residual of {residual[at]:.1e}, but "
@@ -491,7 +492,7 @@ def _result(handle: ShiftInvert, values: Array, shapes: Array, counted: tuple[fl
     if rounding.max(initial=0.0) > 0.1:  # ω, its root, keeps one digit
         worst = float(rounding.max())
         warn(f"rounding in the entries of K may change ω² of mode {int(rounding.argmax()) + 1} by a relative {worst:.0e}: its "
-             f"energy is {handle.unit / worst:.0e} of that of the forces that cancel in it. "
+             f"energy is {handle.unit / worst:.0e} of the terms that cancel in it. "
              + ("Make softly connected pieces the parts of a system (couple, Spring), use larger elements, or stiffer "
                 "supports" if handle.unit == EPS
                 else f"The entries are known to about {handle.unit:.0e} of each: write K with all digits (17)"),
@@ -507,8 +508,8 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
     ----------
     model : Substructure
     count : int, optional
-        Number of elastic modes; the rigid-body modes of a floating part are added to them. Where the model has fewer, a warning
-        says how many, and all are returned.
+        Number of elastic modes; the rigid-body modes of a floating part are added. If the model has fewer elastic modes, all of
+        them are returned, and a warning gives their number.
     band : (lo, hi), optional
         Instead of `count`: all modes with lo ≤ ω ≤ hi in radians per unit of time, rigid-body modes included if lo = 0.
         The edges belong to the band, with a tolerance of 1e-9 ω for rounding (`bands.in_band`).
@@ -567,7 +568,7 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
 
 
 def _with_masses(model: Substructure, modes: NormalModes) -> NormalModes:
-    """The modes with their coupling to rigid accelerations, where the model knows these."""
+    """The modes with their coupling to rigid accelerations, if the model knows its rigid motion."""
     inertia = model.rigid_inertia() if isinstance(model, Substructure) else None
     if inertia is None:
         return modes
@@ -580,8 +581,8 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
                 known: NormalModes | None = None) -> NormalModes:
     """All modes with ω < limit. The inertia of K - limit² M gives their number before the search, and proves completeness.
 
-    If a mode lies at the limit, within rounding, the limit is raised slightly. More than `most` are a NotConvergedError. `known`
-    are the lowest modes, if some have been found by the same handle's factor.
+    If a mode lies at the limit within rounding, the limit is raised slightly. More than `most` modes raise a NotConvergedError.
+    `known` are lowest modes that the factor of the same handle has found before.
     """
     handle = handle or ShiftInvert(K, M)
     for beyond in BEYOND:
@@ -600,7 +601,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
                                     f"{handle.elastic + handle.rigid.shape[1]}. K or M is indefinite, or has few correct digits")
             continue
         modes = lowest_modes(handle, max(0, count), known=known, evidence=False)
-        if count > 0 and modes.frequencies[-1] > reach:  # one was missed, or lies on the edge: a second count decides
+        if count > 0 and modes.frequencies[-1] > reach:  # a mode was missed, or lies on the edge: a second count decides
             modes = lowest_modes(handle, count, known=modes)
         highest = float(modes.frequencies.max(initial=0.0))
         if count >= 0 and highest < reach * (1 - EQUAL):
@@ -614,7 +615,7 @@ def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None =
 
 @phase("certificate")
 def modes_under(K: Matrix, M: Matrix, value: float, make_room: Callable[[], None] | None = None) -> int:
-    """The number of ω² below `value`: the inertia of K - value M, by a separate factorisation, for which `make_room` is called.
+    """The number of ω² below `value`: the inertia of K - value M, by a separate factorisation; `make_room` is called before it.
 
     No factorisation is needed if all modes up to a higher limit are known and counted, and none of them lies at `value`.
     """
@@ -630,7 +631,7 @@ def modes_under(K: Matrix, M: Matrix, value: float, make_room: Callable[[], None
 
 
 def _counted(K: Matrix, M: Matrix) -> list[tuple[float, Array, Array]]:
-    """The highest ω² up to which all modes are counted and found; these modes; the distance that a new limit must keep."""
+    """The highest ω² up to which all modes are counted and found; their ω²; the distance that a new limit must keep from each."""
     return shared((K, M), "modes counted", list)
 
 
@@ -656,8 +657,8 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
                   rigid: Array | None = None) -> tuple[Array, Array]:
     """The relative residuals and `NormalModes.rounding`, (k,) each; some modes at a time, since each takes four columns.
 
-    Rounding in K lets it resist the `rigid` motion a little. Elastic modes are those of a K without that, so that the inertia of
-    rigid motion is no part of their residuals.
+    Rounding lets K resist the `rigid` motion a little. Elastic modes belong to a K without this resistance, so inertia forces of
+    rigid motion are removed from their residuals.
     """
     residual, scale, weight = np.zeros((3, shapes.shape[1]))
     held = None if rigid is None or not rigid.shape[1] else (times(M, rigid), rigid.T)
@@ -669,7 +670,7 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
     at_once = BLOCK // 4  # each takes four columns, and fresh memory takes longer than the products
     for start in range(0, shapes.shape[1], at_once):
         part = slice(start, start + at_once)
-        x, value = np.array(shapes[:, part], order="C"), values[part]  # as products of sparse matrices have it
+        x, value = np.array(shapes[:, part], order="C"), values[part]  # the order that sparse products need
         inertial = times(M, x)
         inertial *= value
         wrong = times(K, x)
@@ -677,7 +678,7 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
         if held is not None and value.any():
             wrong[:, value > 0] -= held[0] @ (held[1] @ wrong[:, value > 0])
         residual[part] = lengths(wrong)
-        del wrong, inertial  # before others take their place
+        del wrong, inertial  # frees memory for the next arrays
         size = np.abs(x, out=x)
         doubt, inertial = times(sizes[0], size), times(sizes[1], size)
         inertial *= np.abs(value)
@@ -691,10 +692,10 @@ def _certificates(K: Matrix, M: Matrix, values: Array, shapes: Array, unit: floa
 def _limit(values: Array, count: int, made: Sequence[float] = ()) -> tuple[float, int]:
     """The limit for the inertia count, and the number of the values (ascending) below it.
 
-    The limit lies in the widest gap above the `count` wanted ones. Neighbours within DOUBLE are a cluster, inside which no
-    inertia is counted. If there is no gap, because they end inside a cluster, it lies just below the cluster. Then no lower mode
-    is missing, and any member of the cluster may be listed. Where the limit of a count that is `made` already, or beside, lies
-    in such a gap, it is taken: modes found again differ by rounding, and so would the limit.
+    The limit lies in the widest gap above the `count` wanted values. Neighbours within DOUBLE are a cluster, inside which no
+    inertia is counted. If the wanted values end inside a cluster, the limit lies just below the cluster. Then no lower mode is
+    missing, and any member of the cluster may be listed. If the limit of a count `made` already, or under way, lies in such a
+    gap, it is taken: modes that are computed again differ by rounding, and a new limit would differ as well.
     """
     for limit in made:
         within = int(np.count_nonzero(values < limit))

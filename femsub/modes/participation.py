@@ -1,4 +1,4 @@
-"""`effective_masses`: how much of a model's mass its modes move when its supports, or its interface, are accelerated."""
+"""`effective_masses`: how much of a model's mass its modes move if its supports, or its interface, are accelerated."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ class EffectiveMasses(Displayed):
     modal_masses : ndarray, shape (k,)
         m = diag(ΦᵀMΦ).
     mass : ndarray, shape (d,)
-        The whole mass, or moment of inertia: diag(RᵀMR) over all DOF, also those that supports hold.
+        The whole mass, or moment of inertia: diag(RᵀMR) over all DOF, those at supports included.
     reach : ndarray, shape (d,)
-        diag(PᵀM⁻¹P): what all modes of the model together move. NaN where it is not known, with the interface held.
+        diag(PᵀM⁻¹P): the mass that all modes of the model move together. NaN with the interface held, where it is not known.
     interface : ndarray, shape (k, n_b)
-        L = Φᵀ(M_ii Ψ_c + M_ib) of fixed-interface modes for motions of each interface DOF; (k, 0) of other modes.
+        L = Φᵀ(M_ii Ψ_c + M_ib) of fixed-interface modes, for the motion of each interface DOF; (k, 0) for other modes.
     origin : ndarray, shape (3,)
 
     Examples
@@ -77,17 +77,17 @@ class EffectiveMasses(Displayed):
 
     @property
     def shares(self) -> Array:
-        """The effective masses over the whole mass, (k, d)."""
+        """The effective masses relative to the whole mass, (k, d)."""
         return self.effective / self.mass
 
     @property
     def rest(self) -> Array:
-        """What other modes of the model move: `reach` less the sum of effective masses, (d,)."""
+        """The mass that other modes of the model move: `reach` minus the sum of effective masses, (d,)."""
         return self.reach - self.effective.sum(axis=0)
 
     @property
     def still(self) -> Array:
-        """What no mode of the model moves: the mass at supports and, of a reduced model, what its basis lacks, (d,)."""
+        """The mass that no mode of the model moves: at supports and, in a reduced model, outside its basis, (d,)."""
         return self.mass - self.reach
 
     def __repr__(self) -> str:
@@ -96,7 +96,7 @@ class EffectiveMasses(Displayed):
         return f"EffectiveMasses: {len(self.frequencies)} modes move {moved}"
 
     def tables(self) -> list[Table]:
-        """The effective masses as shares of the whole, and lines of sums."""
+        """A table of the effective masses as shares of the whole mass, with lines for sums."""
         lines = [(at + 1, omega, share) for at, (omega, share) in enumerate(zip(self.frequencies, self.shares, strict=True))]
         held = np.isnan(self.reach).all()
         sums: list[tuple[str, Any, Array]] = [("sum", None, self.shares.sum(axis=0))]
@@ -111,7 +111,7 @@ class EffectiveMasses(Displayed):
                       "Effective masses, as shares of the whole")]
 
     def chart(self, title: str = "Effective masses") -> Chart:
-        """What the modes up to each frequency move together of the whole mass, in %, in each direction."""
+        """The share of the whole mass, in %, that the modes up to each frequency move together, for each direction."""
         order = np.argsort(self.frequencies, kind="stable")
         sums = 100 * np.cumsum(self.shares[order], axis=0)
         series = [Series(name, self.frequencies[order], sums[:, at], line="solid", size=4.0, colour=f"C{at % 10}",
@@ -124,7 +124,7 @@ class EffectiveMasses(Displayed):
 
 
 def _printed(name: str, row: Mapping[str, Any]) -> str:
-    """A share without rounding below 1e-4, or the whole mass."""
+    """A share rounded to four digits after the point, or the whole mass."""
     return format(row[name], ".4g") if row["mode"] == "mass" else format(round(row[name], 4) + 0.0, ".4f")
 
 
@@ -133,22 +133,22 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
     """Participation factors L = ΦᵀP, Γ = L / m and effective masses Γ² m of modes (n, k), for rigid accelerations.
 
     P = M_ff R_f + M_fh R_h (n, d) are the forces of a rigid acceleration R of the part with its supports. f are the DOF of the
-    model and h those that supports hold; of a part without supports P = MR. All modes together move PᵀM⁻¹P. Of a part without
-    supports that is its whole mass RᵀMR. With supports the rest is the mass that moves with them.
+    model and h the DOF at supports; without supports P = MR. All modes together move PᵀM⁻¹P. For a part without supports this is
+    its whole mass RᵀMR. With supports the remaining mass moves with them.
 
-    The rigid motions are those that the DOF map names: six of a solid, uz, rx and ry of a plate, uz and ry of a beam along x. A
-    reduced model has the forces VᵀP of its full part, and a system those of its parts. Where modes have one frequency, only the
-    sum of their effective masses is theirs.
+    The rigid motions follow from the DOF map: six for a solid, uz, rx and ry for a plate, uz and ry for a beam along x. A reduced
+    model has the forces VᵀP of its full part, and a system the forces of its parts. If several modes have the same frequency,
+    only the sum of their effective masses has a meaning.
 
     Parameters
     ----------
     model : Substructure
         Full, reduced or a system.
     modes : NormalModes, optional
-        Of this model. Without them the fixed-interface modes in the basis of a Craig-Bampton model are taken: its coordinates.
-        Their coupling to motions of the interface is M_qb = Φᵀ(M_ii Ψ_c + M_ib), see `EffectiveMasses.interface`.
+        Modes of this model. By default, in a Craig-Bampton model, the fixed-interface modes of its basis. Their coupling to
+        motions of the interface is M_qb = Φᵀ(M_ii Ψ_c + M_ib), see `EffectiveMasses.interface`.
     origin : array_like, shape (3,)
-        The point that rotations are about.
+        The point about which rotations turn.
     directions : mapping of str to array_like, shape (n,), optional
         Rigid motions of a model without a DOF map, in its coordinates, as {"x": [1, 1, 1]}.
 
@@ -160,9 +160,10 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
     Raises
     ------
     InputError, InputTypeError
-        A model whose rigid motions are not known, modes of another one, no modes of a model that has no such coordinates.
+        The rigid motions of the model are not known; the modes are of another model; no modes are given, and the model has no
+        fixed-interface modes as coordinates.
     NotConvergedError
-        M⁻¹P was not found.
+        The solution for M⁻¹P has not converged.
 
     References
     ----------
@@ -229,10 +230,10 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
 
 
 def moved_by_all(model: Substructure, P: Array) -> Array:
-    """diag(PᵀM⁻¹P) of P (n, d), in the DOF that have mass, as 2 PᵀA - AᵀMA with MA = P - R: less by RᵀM⁻¹R alone.
+    """diag(PᵀM⁻¹P) of P (n, d), in the DOF with mass, as 2 PᵀA - AᵀMA with MA = P - R: its error is only -RᵀM⁻¹R.
 
-    By conjugate gradients, since a mass matrix scaled to a diagonal of 1 has a small condition number. Of a dense model by
-    LAPACK, and where its M is singular, as MacNeal's, by its modes: motions without mass follow the others.
+    By conjugate gradients, since a mass matrix scaled to a diagonal of 1 has a small condition number. For a dense model by
+    LAPACK; if its M is singular, as in MacNeal's method, by its modes, since motions without mass follow the others.
     """
     M = model.M
     diagonal = M.diagonal()

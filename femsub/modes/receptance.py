@@ -1,17 +1,17 @@
-"""`frequency_response`: the answer of a model to harmonic forces, h(iω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, directly or by modes.
+"""`frequency_response`: the response of a model to harmonic forces, h(iω) = Cᵀ(-ω²M + iωD + K + iH)⁻¹F, directly or by modes.
 
-The modal way is the projection of `energy_basis` on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the
-static responses that the modes leave out, to the loads F, to unit forces C at the responses, on the ports of contacts, and on
-all rows and columns of D where it acts on few DOF. A = K' = K + MΦ(Ω² - Λ)ΦᵀM lifts the modes to Ω, so that K' ≥ Ω²M, however
-soft the mounts are. P_U = VᵀP(iω)V, P_UL and P_LU are as there. With F_L and C_L for F and C outside V, in the norm of A⁻¹, the
-modal response h' = CᵀV P_U⁻¹ VᵀF is off by at most
+The modal method is the projection of `energy_basis` on V = [Φ Ψ]. Φ are all modes below a limit Ω, counted by inertia. Ψ are the
+static responses outside the modes: to the loads F, to unit forces C at the responses, to forces on the ports of contacts, and to
+forces on all rows and columns of D if D acts on few DOF. A = K' = K + MΦ(Ω² - Λ)ΦᵀM lifts the modes to Ω, so that K' ≥ Ω²M, even
+with soft mounts. P_U = VᵀP(iω)V, P_UL and P_LU are as in `energy_basis`. F_L and C_L are the parts of F and C outside V, in the
+norm of A⁻¹. The modal response h' = CᵀV P_U⁻¹ VᵀF has the error
 
     |h - h'| ≤ ‖C_L - P_ULᵀ P_U⁻ᵀ VᵀC‖ ‖F_L - P_LU P_U⁻¹ VᵀF‖ / (c - ‖P_LU P_U⁻¹ P_UL‖).
 
-What Ψ holds of the loads is absent from F_L, C_L, P_LU and P_UL, whether forces act in the direction of motion or not. What
-solutions, dependent columns and rounding leave of them is computed. With ω < Ω, c = 1 - ω²/Ω², less what is left of contacts.
-Where P_LU is large, the static responses to it join Ψ. The bound also has the residual of the small equations, and rounding in
-the entries of the matrices.
+Loads whose static response is in Ψ add nothing to F_L, C_L, P_LU and P_UL, whether forces act in the direction of motion or not.
+The remainders by errors of solutions, dependent columns and rounding are computed. With ω < Ω, c = 1 - ω²/Ω², minus the remainder
+of contacts. If P_LU is large, static responses to it join Ψ. The bound includes the residual of the small equations, and rounding
+in the entries of the matrices.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ from femsub.output import Chart, Displayed, Table
 
 log = logging.getLogger(__name__)
 
-TOL = 1e-5  # of responses; and the share of a motion's energy, as a root, that a basis may leave out
+TOL = 1e-5  # tolerance of responses; also the root of the share of a motion's energy that a basis may leave out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrequencyResponse(Frozen, Displayed):
-    """What harmonic forces at the loads cause at the responses, over frequency, with bounds of the error.
+    """Receptances from loads to responses over frequency, with bounds of their errors, made by `frequency_response`.
 
-    u_i(t) = Re(h_ij(ω) f_j exp(iωt)), h of shape (nf, nr, nl). See `frequency_response`.
+    u_i(t) = Re(h_ij(ω) f_j exp(iωt)), h of shape (nf, nr, nl).
 
     Attributes
     ----------
@@ -74,24 +74,24 @@ class FrequencyResponse(Frozen, Displayed):
     receptance : ndarray, shape (nf, nr, nl)
         h, complex: displacement over force.
     bound : ndarray, shape (nf, nr, nl)
-        Bound of the error of each entry of `receptance`, against the model: from rounding and the residual where it was solved
-        directly, from what the modes leave out elsewhere. inf where nothing is known.
+        Bound of the error of each entry of `receptance` as a solution of the model: from rounding and the residual at frequencies
+        that were solved directly, else from the truncation of the modes. inf where no bound is known.
     residual : ndarray, shape (nf,)
-        The largest over the loads: of a direct solution the backward error ‖F - Px‖ / ((ω²‖M‖ + ω‖D‖ + ‖K‖) ‖x‖), of a modal
-        one ‖F - Px‖ / ‖x‖ in the norms of energy.
+        The largest over the loads: for a direct solution the backward error ‖F - Px‖ / ((ω²‖M‖ + ω‖D‖ + ‖K‖) ‖x‖), for a modal
+        solution ‖F - Px‖ / ‖x‖ in the norms of energy.
     responses, loads : tuple of str
         Names of the rows and columns.
     direct : ndarray of bool, shape (nf,)
-        Where the equations of the model were solved as a whole.
+        Whether the equations of the model were solved directly at each frequency, without modes.
     modes : int
-        Modes that were used.
+        The number of modes used.
     tally : Tally
-        The frequencies, and the number of those at which the bound is within the tolerance.
+        The number of frequencies, and of frequencies at which the bound is within the tolerance.
     cutoff : float
-        That of the model, the lowest of several (inf of a full one). The bound is that to this model; above the cut-off it has
-        little to do with the full one.
+        Cut-off of the model, or the lowest of several models (inf for a full model). The bound is the error relative to this
+        model; above the cut-off it says little about the full model.
     noise : tuple of Noise
-        That of the measurements which the receptance follows from, see `scatter`, `ellipses` and `covariance`.
+        The noise of the measurements from which the receptance follows, see `scatter`, `ellipses` and `covariance`.
 
     Examples
     --------
@@ -117,7 +117,7 @@ class FrequencyResponse(Frozen, Displayed):
     cutoff: float = np.inf
 
     def tables(self) -> list[Table]:
-        """A row for each frequency, load and response; it is not printed."""
+        """A table with a row for each frequency, load and response."""
         rows = [{"load": load, "response": response, "omega": float(omega),
                  "magnitude": float(abs(h)), "phase": float(np.degrees(np.angle(h))), "bound": float(bound)}
                 for j, load in enumerate(self.loads) for i, response in enumerate(self.responses)
@@ -125,7 +125,7 @@ class FrequencyResponse(Frozen, Displayed):
         return [Table("response", rows, title="Receptances")] if rows else []
 
     def curves(self, full: FrequencyResponse | None = None) -> list[dict[str, Any]]:
-        """Of each response to each load: frequencies, size, phase in degrees; with `full` the `error` over the size there."""
+        """For each response to each load: frequencies, size and phase in degrees; with `full` also `error` over the full size."""
         bound = None if full is None else self.error(full)
         found = []
         for j, i in product(range(len(self.loads)), range(len(self.responses))):
@@ -136,7 +136,8 @@ class FrequencyResponse(Frozen, Displayed):
         return found
 
     def errors(self, full: FrequencyResponse) -> list[dict[str, Any]]:
-        """Of each response to each load: the largest bound of the error over the largest size, where, and over the size there."""
+        """For each response to each load: the largest error bound over the largest size, its ω, and the largest local ratio.
+        """
         rows, bound = [], self.error(full)
         for j, i in product(range(len(self.loads)), range(len(self.responses))):
             size, error = np.abs(full.receptance[:, i, j]), bound[:, i, j]
@@ -145,23 +146,24 @@ class FrequencyResponse(Frozen, Displayed):
         return rows
 
     def chart(self, title: str = "Receptance", most: int = 8, full: FrequencyResponse | None = None) -> Chart:
-        """|h| and its phase over ω, dotted within the bounds of the error where these are seen, of `most` pairs at most.
+        """|h| and its phase over ω for at most `most` pairs; error bounds are dotted lines if they are large enough to be seen.
 
-        With that of the `full` model its curves are grey behind, and below is the bound of the error against it, over |h|.
+        With the response of the `full` model, its curves are grey behind, and a panel shows the bound of the error against it,
+        over |h|.
         """
         return receptances_chart(self, title, most, full)
 
     @classmethod
     def measured(cls, at: Any, receptance: Any, responses: Sequence[str], loads: Sequence[str], *, level: float | None = None,
                  scatter: Any = None) -> FrequencyResponse:
-        """A part that is known by measured receptances.
+        """The response of a part that is known by measured receptances.
 
         Parameters
         ----------
         at : array_like, shape (nf,)
             Radians per unit of time.
         receptance : array_like, shape (nf, nr, nl), or (ns, nf, nr, nl) of repeated measurements
-            Of the latter the mean is taken, and its noise follows from them, with all correlation between the entries.
+            The mean of repeated measurements is taken. Its noise follows from them, with all correlation between the entries.
         responses, loads : sequence of str
             Names of the rows and columns.
         level : float, optional
@@ -172,7 +174,7 @@ class FrequencyResponse(Frozen, Displayed):
         Raises
         ------
         InputError, InputTypeError
-            Shapes that do not fit, names given twice, more than one statement about noise.
+            Shapes do not fit, a name is given twice, or noise is stated in more than one way.
         """
         omega, h = np.atleast_1d(real_array("at", at)), rows("receptance", receptance)
         names = [tuple(items(what, given, "names")) for what, given in (("responses", responses), ("loads", loads))]
@@ -203,7 +205,7 @@ class FrequencyResponse(Frozen, Displayed):
 
     @property
     def repeated(self) -> int:
-        """The number of measurements that the noise follows from, the least of all parts; 0 where it is stated."""
+        """The number of measurements from which the noise follows, the smallest of all parts; 0 if the noise is stated."""
         return min((one.repeated for one in self.noise if one.repeated), default=0)
 
     @cached_property
@@ -214,9 +216,9 @@ class FrequencyResponse(Frozen, Displayed):
 
     @property
     def scatter(self) -> Array | None:
-        """The standard deviation σ of each entry by noise, σ² = E|δ|², (nf, nr, nl); None where no noise is known.
+        """The standard deviation σ of each entry by noise, σ² = E|δ|², (nf, nr, nl); None if no noise is known.
 
-        It is no part of `bound`, and inf where the noise is too large for first order.
+        `bound` does not include it. It is inf where the noise is too large for first order.
         """
         return np.sqrt(self._moments[0]) if self.noise else None
 
@@ -260,17 +262,18 @@ class FrequencyResponse(Frozen, Displayed):
         return sum(part[0] for part in found), sum(part[1] for part in found)  # type: ignore[return-value]
 
     def ellipses(self, share: float = 0.95) -> tuple[Array, Array]:
-        """Ellipses around the entries that hold the true ones with this probability: semi-axes, and direction of the longer one.
+        """Ellipses around the entries that contain the true values with probability `share`: semi-axes, and angle of the longer
+        one.
 
-        The semi-axes are √(q (Γ ± |C|)/2) with Γ = E|δ|² and C = E[δ²]. The longer one is turned by arg(C)/2 from the real axis.
-        q is -2 ln(1 - p) for stated noise. Of n measurements it is (n - 1)((1 - p)^(-2/(n - 2)) - 1), which is 2 (n - 1)/(n - 2)
-        times F with 2 and n - 2 degrees of freedom (Hotelling). The noise is taken as normal. Its real and imaginary parts may
-        have any sizes and correlation. Two measurements are too few.
+        The semi-axes are √(q (Γ ± |C|)/2) with Γ = E|δ|² and C = E[δ²]. The longer axis is turned by arg(C)/2 from the real axis.
+        With p for `share`, q is -2 ln(1 - p) for stated noise. For n measurements it is (n - 1)((1 - p)^(-2/(n - 2)) - 1), which
+        is 2 (n - 1)/(n - 2) times F with 2 and n - 2 degrees of freedom (Hotelling). The noise is taken as normal. Its real and
+        imaginary parts may have any sizes and correlation. Two measurements are too few.
 
         Returns
         -------
         axes : ndarray, shape (nf, nr, nl, 2)
-            The longer one first. inf where no noise is known, or where it is too large for first order.
+            The longer semi-axis first. inf if no noise is known, and where it is too large for first order.
         angle : ndarray, shape (nf, nr, nl)
             In radians, -π/2 to π/2.
         """
@@ -284,11 +287,11 @@ class FrequencyResponse(Frozen, Displayed):
         return np.sqrt(q * both / 2), np.angle(turned) / 2
 
     def radius(self, share: float = 0.95) -> Array:
-        """The distance from the entries within which the true ones lie with this probability, shape (nf, nr, nl).
+        """The distance from the entries within which the true values lie with probability `share`, shape (nf, nr, nl).
 
-        It is σ √(-ln(1 - p)), or σ √((n - 1)((1 - p)^(-1/(n - 1)) - 1)) where σ follows from n measurements (F distribution with
-        2 and 2n - 2 degrees of freedom). The noise is taken as normal, its real and imaginary parts as independent and of one
-        size. It is inf where no noise is known. `ellipses` takes real and imaginary parts as they are.
+        It is σ √(-ln(1 - p)), or σ √((n - 1)((1 - p)^(-1/(n - 1)) - 1)) if σ follows from n measurements (F distribution with 2
+        and 2n - 2 degrees of freedom). The noise is taken as normal, with independent real and imaginary parts of equal size. It
+        is inf if no noise is known. `ellipses` does not need this assumption about real and imaginary parts.
         """
         _probability(share)
         if (scatter := self.scatter) is None:
@@ -316,7 +319,7 @@ class FrequencyResponse(Frozen, Displayed):
 
     @property
     def above_cutoff(self) -> Array:
-        """Which frequencies lie above the cut-off of the model, bool, shape (nf,)."""
+        """Whether each frequency lies above the cut-off of the model, bool, shape (nf,)."""
         return beyond(self.omega, self.cutoff)
 
     def entry(self, response: str, load: str) -> Array:
@@ -330,9 +333,9 @@ class FrequencyResponse(Frozen, Displayed):
         return names.index(name)
 
     def error(self, full: FrequencyResponse) -> Array:
-        """A bound of |h - h_full| of this (reduced) model against the full one, entry by entry, shape (nf, nr, nl).
+        """A bound of |h - h_full| for this (reduced) model against the full model, entry by entry, shape (nf, nr, nl).
 
-        It is the difference of the two receptances and their own bounds, at the same frequencies, loads and responses.
+        It is the difference of the two receptances plus their own bounds, at the same frequencies, loads and responses.
         """
         instance("full", full, FrequencyResponse, "made by frequency_response")
         for what in ("responses", "loads"):
@@ -369,18 +372,19 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     model : Substructure
     contacts : Belt or another contact, or a sequence of them, optional
     at : float or array_like, shape (nf,)
-        Frequencies ω ≥ 0 in radians per unit of time. Above the cut-off of a reduced model they are computed for a comparison
-        with the full one, and the result says how many there are.
+        Frequencies ω ≥ 0 in radians per unit of time. Frequencies above the cut-off of a reduced model are computed for
+        comparison with the full model, and the result gives their number.
     loads, responses : optional
-        Names of ports or interface sets, DOF counted from 0, a list of them, or columns, an array of floats (n,) or (n, k). Of a
-        reduced model the DOF are those of the component, the rows of V. By default all ports; responses are those of the loads.
+        Names of ports or interface sets, DOF counted from 0, a list of these, or columns, an array of floats (n,) or (n, k). In a
+        reduced model a DOF is a DOF of the component, a row of V. By default the loads are all ports, and the responses are at
+        the loads.
     method : {"auto", "direct", "modal"}
-        'direct' makes one factor for each frequency. 'modal' computes all modes up to twice the highest frequency, once, and
-        the static responses beside them. 'auto' is 'direct' for dense models and for fewer than 8 frequencies, and where the
-        modal way is not known to be right. Else it is 'modal', and direct at those frequencies where the bound exceeds `tol`.
+        'direct' factorises once for each frequency. 'modal' computes all modes up to twice the highest frequency, once, and
+        static responses outside the modes. 'auto' is 'direct' for dense models, for fewer than 8 frequencies, and if the modal
+        method has no bound. Else it is 'modal', and direct at those frequencies where the bound exceeds `tol`.
     tol : float
-        Bound of the error allowed, relative to |h_ij|. At an antiresonance it is relative to a thousandth of the largest |h| of
-        that load, or of the median of |h_ij| over the frequencies.
+        The largest accepted error bound, relative to |h_ij|. At an antiresonance it is relative to a thousandth of the largest
+        |h| for this load, or of the median of |h_ij| over the frequencies, if that is larger.
 
     Returns
     -------
@@ -389,8 +393,8 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     Raises
     ------
     InputError, InputTypeError
-        A negative frequency; an unknown port or DOF; no loads; 'modal' where it is not known to be right: an unsymmetric D on
-        many DOF, contacts of surfaces, more than 300 columns, K not positive semidefinite.
+        A negative frequency; an unknown port or DOF; no loads; 'modal' for a model without a bound: an unsymmetric D on many DOF,
+        contacts of surfaces, more than 300 columns, K not positive semidefinite.
     SingularMatrixError
         An undamped resonance, or ω = 0 of a floating model.
 
@@ -426,7 +430,7 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
     pencil = model.linearised(contacts, structural=True)
     model.refuse_empty(pencil.D, pencil.K, model.H)
     basis: Modal | None = None
-    # modes cost as much as 12 solutions of a chain, and as fewer than one of a bulky solid
+    # modes cost as much as 12 direct solutions of a chain, and less than one solution of a bulky solid
     if method == "modal" or (method == "auto" and pencil.is_sparse and pencil.size > SMALL and len(omega) >= 8):
         try:
             basis = Modal.of(model, contacts, F, C, float(omega.max()), WIDE if method == "auto" else model.size)
@@ -452,9 +456,10 @@ def frequency_response(model: Substructure, contacts: Contacts = None, *, at: An
 
 
 def loose(h: Array, bound: Array, tol: float, faint: float = 1e-3) -> Array:
-    """At which frequencies some bound is not within the tolerance, bool, shape (nf,).
+    """Whether at each frequency some bound exceeds the tolerance, bool, shape (nf,).
 
-    Responses below the share `faint` of the largest to a load, or of the median over frequency, need be no more accurate than it.
+    The tolerance is relative to |h_ij|, but at least to the share `faint` of the largest response to the load, and of the median
+    over frequency.
     """
     size = np.abs(h)
     size = np.maximum(size, faint * np.maximum(size.max(axis=1, keepdims=True), np.median(size, axis=0)))
@@ -462,7 +467,7 @@ def loose(h: Array, bound: Array, tol: float, faint: float = 1e-3) -> Array:
 
 
 def within(h: Array, bound: Array, tol: float, computed: bool = True) -> Tally:
-    """The frequencies, and how many of them have all bounds within the tolerance; unknown where h is not wholly `computed`."""
+    """The number of frequencies, and of those with all bounds within the tolerance; the latter only if all is `computed`."""
     return Tally(len(h), int(np.count_nonzero(~loose(h, bound, tol))) if computed else None)
 
 
@@ -516,7 +521,7 @@ def _counted(number: int, what: str) -> str:
 def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None) -> tuple[Array, Array]:
     """P(s)⁻¹W and P(s)⁻ᵀW, shape (n, p) each: the responses to harmonic forces on the columns of W, from one factor.
 
-    P has K + iH where H is given, the structural damping.
+    P has K + iH if the structural damping H is given.
 
     Raises
     ------
@@ -529,7 +534,7 @@ def port_responses(pencil: Pencil, s: complex, W: Array, H: Matrix | None = None
 
 
 def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:
-    """(B, transposed) to P(s)⁻¹B or P(s)⁻ᵀB."""
+    """A function of (B, transposed) that returns P(s)⁻¹B or P(s)⁻ᵀB."""
     if pencil.is_sparse and s == 0 and H is None and pencil.symmetric[2]:
         real = shared_factor(pencil.K, "symmetric")
         return lambda B, transposed: real.solve(B)
@@ -538,7 +543,7 @@ def _solver(pencil: Pencil, s: complex, H: Matrix | None) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Whole:
-    """The equations of a model, solved at one frequency after the other."""
+    """The equations of a model, solved directly at one frequency after another."""
 
     pencil: Pencil
     H: Matrix | None
@@ -548,9 +553,9 @@ class Whole:
     def response(self, omega: float) -> tuple[Array, Array, float]:
         """h (nr, nl), its bound, and the largest backward error.
 
-        With x' and y' for P⁻¹F and P⁻ᵀC as they were computed, y'ᵀ(F - Px') is their error to first order. What rounding does to
-        the residual is added entry by entry; it is as much as a rounding in each entry of the matrices may do. The bound is
-        infinite where such roundings, of random signs, change x' or y' by their own size: P is singular within rounding.
+        With x' and y', the computed P⁻¹F and P⁻ᵀC, y'ᵀ(F - Px') is the error of h to first order. The rounding error of the
+        residual is added entry by entry; it has the size of a rounding in each entry of the matrices. The bound is infinite if
+        such roundings, with random signs, change x' or y' by their own size: then P is singular within rounding.
         """
         pencil, s = self.pencil, 1j * omega if omega else 0.0
         try:
@@ -571,7 +576,7 @@ class Whole:
         return self.C.T @ x, bound, float(wrong)
 
     def _residual(self, pencil: Pencil, s: complex, F: Array, x: Array) -> tuple[Array, Array]:
-        """F - Px, and its size with that of its rounding, entry by entry."""
+        """F - Px, and its size plus that of its rounding, entry by entry."""
         values = np.full(x.shape[1], s)
         rest, size = F - pencil.residual(values, x), np.abs(F) + pencil.magnitude(values, x)
         if self.H is not None:
@@ -588,7 +593,7 @@ def _changed(solve: Any, transposed: bool, residual: Array, x: Array) -> float:
 
 
 def _terms(pencil: Pencil) -> float:
-    """The roundings in one entry of Px: a few for each of the entries of a row, which add up at random."""
+    """The number of roundings in one entry of Px: those of the entries of a row add up at random."""
     longest = int(np.diff(pencil.K.indptr).max()) if pencil.is_sparse else pencil.size
     return 4 + float(np.sqrt(longest))
 
@@ -602,7 +607,7 @@ def _singular(omega: float) -> SingularMatrixError:
 
 @dataclass(frozen=True)
 class _Columns:
-    """W C Wᵀ (n, n) of a few columns W (n, p), which may be dense."""
+    """The matrix W C Wᵀ (n, n) with a few columns W (n, p), which may be dense."""
 
     W: Array
     C: Array
@@ -613,7 +618,7 @@ class _Columns:
 
 @dataclass(frozen=True, eq=False)
 class Modal:
-    """A model in V = [Φ Ψ]; see the module's text.
+    """A model projected on V = [Φ Ψ]; see the module's docstring.
 
     Attributes
     ----------
@@ -626,11 +631,11 @@ class Modal:
     spoilt : (float, float)
         d and k: contacts and dashpots lower c by ωd + k.
     noise : ndarray, shape (r, r)
-        What rounding in each entry of the matrices, and the errors of the modes, may change in those of A.
+        The change in the entries of A = VᵀP(iω)V that rounding in each entry of the matrices, and errors of the modes, may cause.
     noise_F, noise_C : ndarray, shapes (r, nl) and (r, nr)
-        What rounding may change in VᵀF and VᵀC.
+        The change that rounding may cause in VᵀF and VᵀC.
     modes : int
-        Rigid-body modes included.
+        The number of modes, rigid-body modes included.
     """
 
     basis: EnergyBasis
@@ -648,21 +653,22 @@ class Modal:
     @classmethod
     def of(cls, model: Substructure, contacts: Contacts, F: Array, C: Array, highest: float, most: int, *,
            reach: float = 2.0, sweeps: int = 3) -> Modal:
-        """For frequencies up to the highest; with at most `most` modes, which are all up to `reach` times the highest frequency.
+        """The projection for frequencies up to `highest`, with all modes up to `reach` times that frequency, at most `most`
+        modes.
 
-        γ is 3/4 then. `sweeps` times the static responses to what the basis leaves out join it; the bound is small after one or
-        two.
+        Then c is at least 3/4, without contacts. `sweeps` times, static responses to images outside the basis are added; one or
+        two sweeps make the bound small.
 
         Raises
         ------
         InputError
-            The bound of the module's text does not hold for the model, or the modes are too many.
+            The bound of the module's docstring does not hold for the model, or there are too many modes.
         """
         acting = [small_matrices(model, contact) for contact in contacts_of(contacts)]
         if any(map(sp.issparse, (part for term in acting for part in term))):
             raise InputError("contacts of surfaces act on too many DOF for the modal way. Take method='direct'")
-        braked = np.unique(np.concatenate(model.D.nonzero()))  # its rows and its columns
-        few = len(braked) <= BLOCK  # one solve gives each its static response
+        braked = np.unique(np.concatenate(model.D.nonzero()))  # the rows and columns of D
+        few = len(braked) <= BLOCK  # one solve gives each DOF its static response
         if few:  # D acts as a contact does
             one_by_one = np.zeros((model.size, len(braked)))
             one_by_one[braked, np.arange(len(braked))] = 1.0
@@ -674,13 +680,13 @@ class Modal:
             raise InputError(f"{forces.shape[1]} columns of loads, responses, contacts and dashpots are too many for the modal "
                              f"way (at most {WIDE}). Take method='direct', or ask for fewer at a time")
         handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-        floor = handle.lowest ** 0.5 / reach  # far below it rounding of K may hide whether rigid motion is below the limit
+        floor = handle.lowest ** 0.5 / reach  # far below, rounding of K may hide whether rigid motion is below the limit
         limit = max(reach * highest, floor) if np.isfinite(floor) or not highest else reach * highest
         if most < model.size and (count := modes_under(model.K, model.M, limit**2)) > most:
             raise InputError(f"{count} modes lie below {limit:.5g} rad/time, more than {most}. Take method='direct'")
         found = modes_below(model.K, model.M, limit, handle)
 
-        # K' with its solutions, corrected once by what the errors of the modes and of the factor leave
+        # K' with its solutions, corrected once for the errors of the modes and of the factor
         Phi, values, top = found.shapes, found.eigenvalues, found.counted[0] ** 2
         momenta, lift = model.M @ Phi, np.diag(values - top)
 
@@ -694,7 +700,7 @@ class Modal:
                 x += handle.elastic_solve(rest, Phi) + Phi @ (Phi.T @ rest) / top
             return x
 
-        # the terms, and their ranges for imaginary s; the static responses of those on few columns lie in V, but for `spoilt`
+        # the terms, and their ranges for imaginary s; static responses of terms on few columns lie in V, up to `spoilt`
         constant, rate, none = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0)
         terms = [Term(model.M, (0.0, 0.0, 1.0), range=(0.0, 1 / top)), Term(_Columns(momenta, lift), constant, range=none)]
         terms += [] if few else [Term(model.D, rate, range=none)]
@@ -707,7 +713,7 @@ class Modal:
                 terms += [Term(_Columns(W, half), weights, sign, none)
                           for half, sign in zip(halves(part), (1.0, -1.0), strict=True) if half.any()]
 
-        # V: the modes, static responses, and those to what these leave out
+        # V: the modes, static responses, and static responses to images outside these
         basis = EnergyBasis(product, solve, terms, model.size)
         basis.add(Phi / np.sqrt(top), unit=True)
         static = solve(forces)
@@ -722,7 +728,7 @@ class Modal:
                 break
         V, size, m = basis.V, np.abs(basis.V), len(values)
 
-        # what V leaves of the forces, and what rounding and the errors of the modes may change
+        # the part of the forces outside V, and the changes that rounding and the errors of the modes may cause
         change = solve(forces - product(static))  # the error of the solutions, to first order
         lost = sum(np.einsum("ij,ij->j", x, product(x)).clip(0.0) for x in (static + change - V @ (V.T @ forces), change))
         of_F, of_C, *of_acting = np.split(lost, np.cumsum([F.shape[1], C.shape[1], *(W.shape[1] for W, *_ in acting)])[:-1])
@@ -734,7 +740,7 @@ class Modal:
         for columns_, both, _ in sizes:
             touched = size.T @ columns_
             noise += rounding * (touched @ both @ touched.T)
-        matrices = basis.matrices  # ΦᵀKΦ and ΦᵀMΦ are known better
+        matrices = basis.matrices  # ΦᵀKΦ and ΦᵀMΦ are known more accurately
         for at, given, own in ((0, basis.energy + basis.inside[1], values / top), (2, basis.inside[0], np.full(m, 1 / top))):
             change = -given
             change[m:, m:] = 0.0
@@ -755,7 +761,7 @@ class Modal:
         v, w = inverse @ self.F, inverse.T @ self.C
         into, out = (own + np.sqrt(np.einsum("ij,ij->j", x.conj(), gram @ x).real.clip(0.0))
                      for own, gram, x in ((self.lost_F, right, v), (self.lost_C, left, w.conj())))
-        changed = np.abs(inverse) @ self.noise  # by rounding: what a vector A⁻¹b may change, relative to its entries
+        changed = np.abs(inverse) @ self.noise  # by rounding: how much a vector A⁻¹b may change, relative to its entries
         sure = 1 - float(np.linalg.norm(changed))
         margin = self.basis.coercivity((0.0, 0.0), omega) - omega * self.spoilt[0] - self.spoilt[1]
         margin -= np.sqrt(max(np.einsum("ij,ji->", inverse.conj().T @ right, inverse @ left).real, 0.0)) / max(sure, EPS)

@@ -52,7 +52,7 @@ class Rotor(Frozen):
     Attributes
     ----------
     part : Substructure
-        At rest: M, D, K, interface and ports.
+        The part at rest: M, D, K, interface and ports.
     gyroscopic : sparse, shape (n, n)
         D_G, exactly skew, in mass.
     centrifugal : sparse, shape (n, n)
@@ -87,8 +87,8 @@ class Rotor(Frozen):
     def at(self, speed: float) -> Substructure:
         """The part turning at a speed Ω in rad per unit of time: K + Ω²K_Ω is symmetric, D + ΩD_G is not.
 
-        Above the lowest critical speed (where a wave's speed is that of the material, ω = mΩ) the stiffness has negative
-        eigenvalues. Complex modes are right there too, but bases for reduction need a lower speed.
+        Above the lowest critical speed (where a wave runs as fast as the material, ω = mΩ) the stiffness has negative
+        eigenvalues. Complex modes are still correct there, but bases for reduction need a lower speed.
         """
         omega = finite_number("speed", speed)
         return replace(self.part, D=self.part.D + omega * self.gyroscopic, K=self.part.K + omega**2 * self.centrifugal)
@@ -102,9 +102,9 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
 
         D_G = 2 ∫ρ v·∂_θ u dV,   K_Ω = ∫ ∇v:(∇u σ₀) dV - ∫ρ ∂_θ v·∂_θ u dV,
 
-    where σ₀ is the stress due to the centrifugal load at Ω = 1, with the part's supports held and its interface free. D_G
-    is made exactly skew. The frequency ω of a wave with m nodal diameters in the turning frame is ω + mΩ in the fixed one for
-    a wave that runs with the material, and ω - mΩ for one that runs against it.
+    where σ₀ is the stress due to the centrifugal load at Ω = 1, with the part's supports held and its interface free. D_G is made
+    exactly skew. A wave with m nodal diameters and the frequency ω in the turning frame has ω + mΩ in the fixed frame if it runs
+    with the material, and ω - mΩ if it runs against the material.
 
     Supports, interface and ports are fixed in space. The part's own D is taken as damping from outside. Damping of the
     turning material would also add ΩD∂_θ to K; that circulatory term is not included.
@@ -125,11 +125,11 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     Raises
     ------
     InputError
-        The body, or one of its materials, is not round about the axis: its surface faces along the circumference somewhere (a
-        hole, a tooth), by more than the size of its faces explains; or 1 % of the centrifugal load or of its moments is not
-        balanced. A part that is not made from this mesh and material; an axis of length 0.
+        The body, or one of its materials, is not round about the axis: somewhere its surface faces along the circumference (a
+        hole, a tooth), by more than the coarseness of its faces explains. Or 1 % of the centrifugal load or of its moments is not
+        balanced. Or the part is not made from this mesh and material, or the axis has the length 0.
     InputTypeError
-        A part without displacements of solid elements: a beam, a plate, a reduced or coupled part.
+        The part has no DOF of solid elements: it is a beam, a plate, a reduced or a coupled part.
 
     Warns
     -----
@@ -181,9 +181,9 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     around = (mesh.points - middle) @ across.T
     radius = np.linalg.norm(around, axis=1)
 
-    # no surface of the body, or of a material in it, faces along the circumference, as that of a hole does: of a surface of
-    # revolution (e × x)·n = 0. The normal at a corner, averaged over its faces, may deviate by half the extent of these faces
-    # around the axis, and by a fifth where the surface is curved, as a rounded edge is, and the faces are coarse
+    # no surface of the body, or of a material in it, may face along the circumference, as the wall of a hole does: on a surface
+    # of revolution (e × x)·n = 0. The normal at a corner, averaged over its faces, may deviate by half the extent of these faces
+    # around the axis. A fifth is added for coarse faces on curved surfaces, such as rounded edges
     for one, members in parts:
         body = mesh if len(parts) == 1 else Mesh(mesh.points, mesh.cells[members], mesh.kind)
         faces = corner_nodes(body, *boundary_faces(body))
@@ -207,7 +207,7 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
                              "matrices would change with time. Check axis and centre, or mesh the part without holes, slots and "
                              "teeth")
 
-    # for each DOF of the part its row among the 3n of the mesh
+    # for each DOF of the part its row among the 3n DOF of the mesh
     nodes = node_rows(mesh, dofs.nodes)
     if dofs.points is not None:
         apart = np.abs(dofs.points - mesh.points[nodes]).max(axis=1)
@@ -232,21 +232,21 @@ def rotating(part: Substructure, mesh: Mesh, material: Material | Mapping[str, M
     # ∫ρ x_⊥ xᵀ dV, which is the same in all directions across the axis
     uneven = np.linalg.norm(moments + np.trace(moments) / 2 * across @ across) / np.trace(moments)
     left = max(float(np.linalg.norm(force)) / size, float(uneven))
-    if left > 0.01:  # the mesh of a round body has much less
+    if left > 0.01:  # meshes of round bodies have far less
         raise InputError(f"{mesh.name!r} is not balanced about the axis: {left:.2%} of the centrifugal load or of its moments "
                          "are left over. Check axis, centre and materials, or whether the body is round")
     ratio = float(part.M.diagonal().sum() / masses[rows // 3].sum())
-    if not 0.1 < ratio < 10:  # lumped masses differ less, and other units more
+    if not 0.1 < ratio < 10:  # lumped masses change it less, and other units more
         raise InputError(f"the masses of {part.name!r} are {ratio:.3g} times those of the mesh {mesh.name!r} with this material. "
                          "Give the mesh, material and units that the part was made with")
 
-    # its displacements, which in a body held all the way round are not along the circumference
+    # the displacements under this load; in a body held all the way round they are not along the circumference
     field = np.zeros(3 * count)
     field[rows] = ShiftInvert(part.K, part.M).elastic_solve(load.ravel()[rows, None])[:, 0]
     field = field.reshape(-1, 3)
     swirl = np.einsum("na,na->n", field, around) / np.maximum(radius, TINY)
     share = float(np.linalg.norm(swirl) / np.linalg.norm(field))
-    if share > 0.1:  # a coarse mesh of a round support has less
+    if share > 0.1:  # coarse meshes with round supports have less
         warn(f"{part.name!r}: {share:.0%} of the displacement under the centrifugal load is along the circumference, so "
              "its supports do not go all the way round. They stand still in space and do not turn with the part. Hold "
              "whole rings of nodes", FemsubWarning)

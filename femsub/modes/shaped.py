@@ -13,48 +13,50 @@ if TYPE_CHECKING:
     from femsub.components import Mesh
     from femsub.model import Substructure
 
-SHAPES = 6  # shapes of a figure, where it is not said which: more would be too small
+SHAPES = 6  # default number of shapes in a figure; more would be too small
 
 
 class Shaped(Displayed):
-    """Modes of a model: what they are drawn with, beside their chart and their tables."""
+    """Modes of a model whose shapes can be drawn, beside their chart and tables."""
 
     shapes: Array
 
     def drawn_first(self) -> list[int]:
-        """The modes that are drawn where it is not said which."""
+        """Indices of the modes that are drawn by default."""
         raise NotImplementedError
 
     def title_of(self, i: int) -> str:
-        """The title of a shape."""
+        """The title of a picture of shape i."""
         raise NotImplementedError
 
     def plot_shapes(self, model: Substructure, meshes: Mesh | Mapping[str, Mesh], modes: Sequence[int] | None = None, *,
                     title: str = "", units: Any = "", window: bool = False) -> Any:
-        """A figure of shapes on their meshes, the largest displacement of each 1; complex ones at the phase of that displacement.
+        """A figure of shapes on their meshes, largest displacement 1; complex shapes at the phase of that displacement.
 
         Parameters
         ----------
         model : Substructure
-            The one whose modes these are, full or reduced.
+            The model that has these modes, full or reduced.
         meshes : Mesh or mapping of str to Mesh
-            That of the model, or those of its parts by their names, all of one kind of cells. Parts without one are not drawn.
+            The mesh of the model, or the meshes of its parts by part name, all with one kind of cells. Parts without a mesh are
+            not drawn.
         modes : sequence of int, optional
-            Positions in the list of modes. Default: six at most, of normal modes the first elastic ones, of complex modes those
-            that grow, or the least stable one.
+            Positions in the list of modes. Default: at most six modes. These are the first elastic modes, or the growing complex
+            modes, or the least stable one if none grows.
         title : str
         units : str or mapping
             See `plot`.
         window : bool
-            Return a `pyvista.Plotter` in place of a figure, whose `.show()` opens a window, or a view in a notebook, to turn and
-            to zoom. Needs PyVista (`scripts/setup window`).
+            Return a `pyvista.Plotter` in place of a figure. Its `.show()` opens a window, or a view in a notebook, that can be
+            turned and zoomed. Needs PyVista (`scripts/setup window`).
 
         Raises
         ------
         InputError
-            No mode of this number; a mesh of no part, or of another part; DOF that are not known by nodes and directions.
+            A mode of this number does not exist; a mesh belongs to no part, or to another part; nodes and directions of DOF are
+            not known.
         MissingPackageError
-            A window without PyVista.
+            `window` is asked for, but PyVista is missing.
 
         Examples
         --------

@@ -61,7 +61,7 @@ if TYPE_CHECKING:
     from femsub.algebra import CountBeside
     from femsub.model import Substructure
 
-BLURRED = 1e-3  # relative change of ω² by rounding in K from which K alone gives none, but K Z = 0 may
+BLURRED = 1e-3  # relative change of ω² by rounding in K above which K alone gives no ω², but K Z = 0 may
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
 IN_PARTS = ("Make softly connected pieces the parts of a system (couple, Spring), which knows their rigid motion, or "
             "support each piece. Likely causes are also elements too thin or too small for a slender part")
@@ -72,19 +72,19 @@ NOT_DEFINITE = ("K is not positive definite, though joints and springs leave no 
 class ShiftInvert:
     """The factor of K - σM, and the M-orthonormal rigid-body modes Φ_r (n, n_r) of K.
 
-    Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made
-    for this handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`. A model that carries its
-    rigid motion gives it, and no other is looked for. Where so many modes are to be sought, a process prepares their count.
+    Both are shared by all handles on the same K and M, or on the same `rows` of them. `factorisations` counts those made for this
+    handle; it may be 0. `unit` is the relative rounding of the entries of K, see `rounding_of`. A model that carries its rigid
+    motion provides it, and no other is searched. If `seeks` modes will be searched, a process prepares their count.
 
     Warns
     -----
     ConditionWarning
-        Modes are taken as rigid motion although K gives them an energy: that of the rounding of its entries.
+        Modes are taken as rigid motion although they have an energy in K, within the rounding of its entries.
     """
 
     def __init__(self, K: Matrix, M: Matrix, rows: Array | slice = slice(None), carried: Carried = None, seeks: int = 0) -> None:
         self.K, self.M, self.factorisations = _block(K, rows), _block(M, rows), 0
-        self.blurred = False  # whether K as it is holds few digits of the lowest elastic mode
+        self.blurred = False  # whether K holds few digits of the lowest elastic mode
         self.beside: CountBeside | None = None  # counts the modes while they are sought
         if seeks:
             from femsub.algebra import CountBeside
@@ -98,8 +98,8 @@ class ShiftInvert:
         self.lowest: float  # approximate ω² of the first elastic mode; inf if no search for rigid-body modes was needed
         self.unit: float
         self.note: str  # the warning about modes that are rigid only within the rounding of K's entries
-        self.exact: int  # how many of the rigid-body modes, the first ones, are known without rounding
-        self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if none was sought
+        self.exact: int  # number of rigid-body modes, the first ones, that are known without rounding
+        self.doubt: float  # the relative change of the lowest elastic ω² by one rounding in each entry of K; 0 if not searched
         (self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt) = shared(
             *key, self._found, lambda found: found[1].nbytes)
         if self.note:
@@ -109,13 +109,14 @@ class ShiftInvert:
 
     @cached_property
     def factor(self) -> Handle:
-        """The factor of K - σM. One that was given up is made again."""
+        """The factor of K - σM. A factor that was released is made again."""
         self._factorise(self.sigma)
         return self.factor
 
     @property
     def sharing(self) -> AbstractContextManager[None]:
-        """Work with one core, if a process counts the modes of this part now: with both, the two would wait for each other."""
+        """A context with one core if a process counts the modes of this part now: with both, the two would wait for each other.
+        """
         return one_thread(self.is_counting)
 
     @property
@@ -127,7 +128,7 @@ class ShiftInvert:
         self.rigid, self.lowest, self.unit, self.note, self.exact = np.zeros((self.K.shape[0], 0)), np.inf, EPS, "", 0
         self.doubt = 0.0
         Z = self._given
-        if Z is not None and Z.shape[1]:  # only the shift and the lowest elastic ω² are looked for
+        if Z is not None and Z.shape[1]:  # only the shift and the lowest elastic ω² are missing
             R = np.linalg.qr(np.sqrt(self.M.diagonal())[:, None] * Z)[1]
             if R.diagonal().all():
                 self.rigid = orthonormal(np.linalg.solve(R.T, Z.T).T, self.M.__matmul__)[0]
@@ -151,20 +152,20 @@ class ShiftInvert:
                     except SingularMatrixError as error:
                         few = ", ".join(f"{share:.0e}" for share in self.shares[:7])
                         raise SingularMatrixError(
-                            "K is numerically singular, but no rigid-body modes were found: its softest motions have an energy "
-                            f"of {few} of that of the forces that cancel in them, the rounding of K is {self.unit:.0e}, and no "
-                            f"gap shows which are rigid. {IN_PARTS} ({error})") from None
+                            "K is numerically singular, but no rigid-body modes were found. The energies of its softest motions, "
+                            f"relative to the terms that cancel in them, are {few}. The rounding of K is {self.unit:.0e}, and no "
+                            f"gap shows which motions are rigid. {IN_PARTS} ({error})") from None
         return self.sigma, self.rigid, self.lowest, self.unit, self.note, self.exact, self.doubt
 
     def _lowest_given(self) -> float:
-        """ω² of the first elastic mode beside the given rigid motions."""
+        """ω² of the first elastic mode of a model with given rigid motions."""
         if self.elastic <= 0:
             self.lowest = np.inf
             return self.lowest
         lowest = self.lowest_elastic()
         if lowest < 0:
             why = ("Check that K belongs to a stable component, and that its file holds all digits" if self.doubt < 1 else
-                   "It is rounding in the entries of K, which hides an elastic mode")
+                   "Rounding in the entries of K hides an elastic mode")
             raise SingularMatrixError(f"K has a negative eigenvalue, ω² = {lowest:.3g}, beside its rigid motion. {why}")
         return lowest
 
@@ -181,7 +182,7 @@ class ShiftInvert:
         self.sigma = sigma
 
     def _is_held(self) -> bool:
-        """Whether K is clearly definite. Then its factor is there."""
+        """Whether K is clearly definite. If so, its factor has been made."""
         if annihilates_a_translation(self.K, self.unit):
             return False
         try:
@@ -195,7 +196,7 @@ class ShiftInvert:
         for _ in range(3):
             x = unit * np.linalg.qr(self.factor.solve(x / unit) / unit)[0]
             force, energy = costs(self.K, x)
-            if (energy > self.unit**0.5).all():  # one solve brings out what costs nothing
+            if (energy > self.unit**0.5).all():  # a solve brings out shapes without energy
                 return True
         return not is_rigid(force, energy, self.unit).any()
 
@@ -215,7 +216,7 @@ class ShiftInvert:
         self._shift(max(guess, floor))
         elastic, before = search(), np.inf
         while elastic <= 10 * -self.sigma and 2 * floor < -self.sigma < before:
-            # A very soft component: the shift must stay below its first elastic mode, of which far above it little is seen.
+            # A very soft component: the shift must stay below its first elastic mode, which a far larger shift hides.
             before = -self.sigma
             self._shift(max(1e-3 * elastic, floor))
             elastic = search()
@@ -240,17 +241,17 @@ class ShiftInvert:
         It stops when the lower half of the Ritz values has converged. A mode is rigid if its energy is only rounding and its
         ω² lies well below the next, see `rigid_count`.
 
-        Each DOF without stiffness has a rigid motion of its own (as in reduced models). It causes no forces that the rounding
-        of the others could be compared with, so the other motions are sought beside it.
+        Each DOF without stiffness has a rigid motion of its own (as in reduced models). It causes no forces with which rounding
+        could be compared, so the other motions are searched in its complement.
         """
         loose = self.loose
-        n, block = self.K.shape[0], 6 + 6 + 2  # motions of a rigid body, room for those of a mechanism, and a guard
+        n, block = self.K.shape[0], 6 + 6 + 2  # motions of a rigid body, room for motions of a mechanism, and a guard
         own = np.zeros((n, len(loose)))
         own[loose, np.arange(len(loose))] = 1.0
         own = orthonormal(own, self.M.__matmul__)[0]
         while True:
             x = self._start(3, min(block, n - len(loose)))
-            x -= own @ (own.T @ (self.M @ x))  # a solve would enlarge this part so much that the rest is rounding beside it
+            x -= own @ (own.T @ (self.M @ x))  # else a solve would enlarge this part until all others are rounding
             before = np.full(x.shape[1], np.inf)
             for _ in range(20):
                 x = orthonormal(self.factor.solve(self.M @ x), self.M.__matmul__, own)[0]
@@ -265,8 +266,8 @@ class ShiftInvert:
             # Ritz vectors of rigid motion still contain rounding of stiff modes: one more solve removes it.
             cleaned = unit_length(self.factor.solve(self.M @ x))
             cleaned[loose] = 0.0  # such a DOF causes no force, and `own` spans its motion
-            # Beside a soft spring a solve has the rounding of stiff ones over its stiffness, which mixes rigid motion and soft
-            # modes: those of little energy are turned among themselves once more.
+            # Near a soft spring the error of a solve is the rounding of stiff springs over the soft stiffness. It mixes rigid
+            # motion and soft modes. So shapes of little energy are rotated among themselves once more.
             values, low = values.copy(), np.flatnonzero(np.abs(costs(self.K, cleaned)[1]) < SOFT)
             y = orthonormal(cleaned[:, low], self.M.__matmul__)[0]
             if y.shape[1] == len(low):
@@ -281,7 +282,7 @@ class ShiftInvert:
                 break
             block *= 2
         self.rigid, self.exact = orthonormal(cleaned[:, :count], self.M.__matmul__, own)[0], own.shape[1]
-        if count and not len(loose):  # turned such that translations come first, which are known without rounding
+        if count and not len(loose):  # rotated so that translations, which are known without rounding, come first
             t = translations(n)
             t = t[:, costs_nothing(self.K, t)]
             beyond = np.linalg.norm(self.M @ self.deflate(t), axis=0) / np.linalg.norm(self.M @ t, axis=0)
@@ -297,8 +298,8 @@ class ShiftInvert:
             why = f"too large for rounding{_known(self.unit)}" if share > self.unit else \
                 f"as rounding{_known(self.unit)} may make it, but the next modes are too near to show which are rigid motion"
             raise SingularMatrixError(
-                f"K has a negative eigenvalue, ω² = {rest.min():.3g}: {share:.1e} of the energy of the forces that cancel in "
-                f"this mode, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
+                f"K has a negative eigenvalue, ω² = {rest.min():.3g}: its energy is {share:.1e} of the terms that cancel in "
+                f"it, {why}. Check that K belongs to a stable component, and that its file holds all digits (17)")
         self.doubt = self.unit / float(self.shares[count]) if count < len(values) and self.shares[count] else 0.0
         self.note = self._warning(values, count)
         if not len(rest) and self.elastic > 0:
@@ -307,15 +308,16 @@ class ShiftInvert:
         return self.lowest
 
     def _warning(self, values: Array, count: int) -> str:
-        """Where rigid motion costs more than a rounding, or the next mode so little that another may be within rounding.
+        """The warning if rigid motion has more energy than one rounding, or if the next mode has so little that another one may
+        be within rounding; else ''.
 
-        Of 700 free beams, plates and solids, of up to 5,000 elements, rigid motion had an energy of at most one rounding. Where
-        pieces hang together softly, their springs show which modes are elastic.
+        In 700 free beams, plates and solids of up to 5,000 elements, rigid motion had an energy of at most one rounding. If
+        pieces are softly connected, their springs show which modes are elastic.
         """
         share, softly = self.shares[:count], soft_springs(self.K, self.unit).nnz > 0
         cost = share.max(initial=0.0)
         seen = np.abs(values[:count]) > self.doubt * np.abs(values[count:count + 1]).max(initial=0.0)  # ω² itself, and its vector
-        # of a term x_i k_ij x_j the entry and two products are rounded, by EPS/2 each
+        # in a term x_i k_ij x_j the entry and two products are rounded, by EPS/2 each
         costly = (share > SUMS) | (share > (EPS if softly else 1.5 * EPS)) & (softly | seen)
         # ω² of two modes of a beam may be 81 apart, and translations are known without rounding
         hidden = self.doubt > MIXED**2 and count > self.exact and not softly
@@ -325,15 +327,15 @@ class ShiftInvert:
         beyond = f"the next mode lies at ω = {omega[count]:.5g}" if count < len(omega) else "no other mode is known so far"
         return (f"{count} modes are taken as rigid-body motion, although K gives them ω up to {omega[:count].max():.3g} rad/time "
                 f"(ω² of either sign: {values[:count].min():.2g} to {values[:count].max():.2g}). Their energy is at most "
-                f"{cost:.0e} of that of the forces that cancel in them, within rounding{_known(self.unit)}, "
+                f"{cost:.0e} of the terms that cancel in it, within rounding{_known(self.unit)}, "
                 f"and {beyond}. Use fewer elements, or write K with all digits (17), to be sure; a support as soft "
                 "as that looks like rounding")
 
     def lowest_elastic(self) -> float:
         """ω² of the first elastic mode by subspace iteration with the rigid-body modes deflated.
 
-        The search for rigid motion gives only a rough value: if σ is far below the elastic modes of a small component, one
-        solve reduces these below rounding. It is found once for all handles on the same K and M.
+        The search for rigid motion gives only a rough value: if |σ| is far below the elastic ω² of a small component, one solve
+        reduces elastic modes below rounding. The value is found once for all handles on the same K and M.
         """
         def found() -> tuple[float, float, bool]:
             x = self._lowest(min(2, self.elastic))
@@ -353,14 +355,15 @@ class ShiftInvert:
         return self.lowest
 
     def _lowest(self, count: int, basis: Array | None = None) -> Array:
-        """As many shapes (n, count) near the lowest elastic modes, M-orthonormal; beside the modes of a basis."""
-        x = self.deflate(self._start(5, count), basis)  # a solve would enlarge rigid motion until others are rounding beside it
+        """M-orthonormal shapes (n, count) near the lowest elastic modes, M-orthogonal to `basis` (by default rigid modes).
+        """
+        x = self.deflate(self._start(5, count), basis)  # else a solve would enlarge rigid motion until others are rounding
         for _ in range(10):
             x = orthonormal(self.deflate(self.factor.solve(self.M @ x), basis), self.M.__matmul__)[0]
         return x
 
     def _start(self, seed: int, count: int) -> Array:
-        """Random shapes (n, count), of each DOF in the unit of its own mass."""
+        """Random shapes (n, count), each DOF in the unit of its own mass."""
         mass = self.M.diagonal()
         unit = np.where(mass > 0, mass, 1.0) ** -0.5
         return unit[:, None] * np.random.default_rng(seed).standard_normal((len(mass), count))
@@ -370,7 +373,7 @@ class ShiftInvert:
         return self.unit * np.einsum("ij,ij->j", np.abs(x), abs(self.K) @ np.abs(x)) / np.abs(values)
 
     def soft(self) -> tuple[Array, Array, float]:
-        """ω² (k,) and modes (n, k) of which K alone holds no digits, but with K Z = 0; and the next ω², inf if there is none."""
+        """ω² (k,) and modes (n, k) that K holds no digits of, found with K Z = 0; and the next ω², inf if there is none."""
         values, x = np.zeros(0), self.rigid[:, :0]
         lowest = self.lowest_elastic() if self.elastic else np.inf
         blurred, count = np.full(1, self.blurred), 1
@@ -379,7 +382,7 @@ class ShiftInvert:
             found, more, *_ = self.sharpened(self._lowest(count, np.hstack([self.rigid, x])), x)
             blurred = self._blur(more, found) > BLURRED
             values, x = np.append(values, found[blurred]), np.hstack([x, more[:, blurred]])
-            lowest = float(found[~blurred & (found > 0)].min(initial=np.inf))  # DOF without mass move with any of either sign
+            lowest = float(found[~blurred & (found > 0)].min(initial=np.inf))  # DOF without mass give values of either sign
         order = np.argsort(values, kind="stable")
         return values[order], x[:, order], lowest
 
@@ -407,16 +410,17 @@ class ShiftInvert:
 
     @cached_property
     def loose(self) -> Array:
-        """DOF with mass and without stiffness, but for rounding beside the diagonal of K.
+        """DOF with mass and without stiffness, up to rounding beside a zero diagonal of K.
 
-        Where that is not exactly 0, a soft mount in other units looks like rounding.
+        The diagonal must be exactly 0, since a soft mount in other units looks like rounding.
         """
         few = np.flatnonzero((self.K.diagonal() == 0) & (self.M.diagonal() > 0))
         return few[bare(self.K, few)]
 
     @property
     def surely_rigid(self) -> int:
-        """How many rigid-body modes, the first ones, the model carries or single DOF make: K may hold rounding there."""
+        """The number of rigid-body modes, the first ones, that are carried or due to single DOF: K may have rounding there.
+        """
         return self.rigid.shape[1] if self._given is not None else min(len(self.loose), self.rigid.shape[1])
 
     @property
@@ -425,7 +429,7 @@ class ShiftInvert:
         return self.finite - self.rigid.shape[1]
 
     def motion(self, D: Matrix) -> RigidMotion:
-        """The rigid-body modes, with those first that D does not damp."""
+        """The rigid-body modes; motions that D does not damp come first."""
         return RigidMotion.of(self.rigid, D, units(self.M))
 
     @property
@@ -433,9 +437,9 @@ class ShiftInvert:
         return self.rigid.shape[1] > 0
 
     def cleared(self, values: Array, shapes: Array, blur: Array | None = None) -> tuple[Array, Array, Array, Array, Array]:
-        """ω² (k,) and modes (n, k) with those sharpened that K alone holds few digits of; which, their errors and residuals.
+        """ω² (k,) and modes (n, k), sharpened where K alone holds few digits; which these are, their errors and residuals.
 
-        `blur` (k,) is the relative change of ω² by rounding in K, where it is known.
+        `blur` (k,) is the relative change of ω² by rounding in K, if it is known.
         """
         which = np.zeros(0, dtype=int)
         if self.exact == self.rigid.shape[1] > 0:
@@ -450,10 +454,10 @@ class ShiftInvert:
     def sharpened(self, X: Array, beside: Array | None = None) -> tuple[Array, Array, Array, Array]:
         """ω² (k,) and modes (n, k) near the span of X, the relative error of ω² by rounding in K, and the relative residual.
 
-        With modes `beside` they are the lowest ones that are found, without these.
+        With modes `beside` these are excluded, and the result is the lowest modes found.
 
-        K Z = 0 stands in for what the sums of rows of K have lost beside a soft spring. The factor has lost it, too. So modes are
-        corrected by (K - σM)⁻¹ times their residual, until that gains nothing.
+        K Z = 0 replaces the digits that row sums of K have lost beside a soft spring. The factor has lost these digits, too. So
+        modes are corrected by (K - σM)⁻¹ times their residual, until corrections no longer help.
         """
         basis = self.rigid if beside is None else np.hstack([self.rigid, beside])
 
@@ -469,11 +473,11 @@ class ShiftInvert:
             values, X = values[at], V[:, at]
             residual = forces[:, at] - self.M @ X * values
             more = step = self.deflate(self.factor.solve(residual), basis)
-            # what steps would gain: each has |σ| too much stiffness
+            # the gain by further steps; each step has |σ| M too much stiffness
             before, error = error, np.abs(np.einsum("ij,ij->j", residual, step) / values) * (1 - self.sigma / np.abs(values))
             if error.max(initial=0.0) < 64 * EPS or not (error < before / 2).any():
                 break
-            for _ in range(2):  # a stiff part of it is rounding, and would be rounding in all ω²: a solve removes it
+            for _ in range(2):  # a stiff part of the step is rounding, which would reach all ω²: a solve removes it
                 more = elastic(more, V)
                 soft = np.einsum("ij,ij->j", more, self.K @ more) * EPS < SOFT * np.abs(values).min()
                 more = more if soft.all() else self.factor.solve(self.M @ more)
@@ -481,17 +485,18 @@ class ShiftInvert:
                 break
             V = np.hstack([V, elastic(more[:, soft], V)])
         if error.max(initial=0.0) < SOFT:
-            X = X - step  # stiff DOF, of which ω² knows nothing, have their digits by this
+            X = X - step  # gives the digits of stiff DOF, which do not affect ω²
         values, X, forces, size = self._ritz(X)
         error = np.maximum(error, self.unit * np.einsum("ij,ij->j", np.abs(X), size) / np.abs(values))
         residual, size = forces - self.M @ X * values, abs(self.K) @ np.abs(X) + abs(self.M) @ np.abs(X) * np.abs(values)
         return values, X, error, np.linalg.norm(residual, axis=0) / np.linalg.norm(size, axis=0)
 
     def _ritz(self, V: Array) -> tuple[Array, Array, Array, Array]:
-        """ω² (k,) of the modes (n, k) in the span of V, VᵀMV = I, where K Z = 0; the modes, their forces and what cancels there.
+        """ω² (k,) and modes (n, k) in the span of V, VᵀMV = I, with K Z = 0; their forces, and the sizes of terms that cancel
+        there.
 
-        In a mixed basis the rounding of stiff modes is in the energy of soft ones. The first turn separates them, and the second
-        has the energy of each by itself.
+        In a mixed basis the rounding of stiff modes enters the energy of soft modes. The first rotation separates them. The
+        second uses the energy of each alone.
         """
         for _ in range(2):
             forces, size = elastic_forces(self.K, V, self.rigid, pieces(self.K))
@@ -501,11 +506,11 @@ class ShiftInvert:
         return np.einsum("ij,ij->j", V, forces) / np.einsum("ij,ij->j", V, self.M @ V), V, forces, size
 
     def release(self) -> None:
-        """Drop the factor, which others may share. Everything that needs no solve still works without it."""
+        """Drop the factor, which other handles may share. All methods that need no solve still work."""
         vars(self).pop("factor", None)
 
     def make_room(self) -> None:
-        """Drop the factor where a count of the modes would not fit into memory beside it."""
+        """Drop the factor if a count of the modes would not fit into memory beside it."""
         from femsub.algebra import SparseFactor
 
         factor = vars(self).get("factor")
@@ -544,19 +549,19 @@ class ShiftInvert:
                     before, step = step, np.linalg.norm(change, axis=0) / np.where(size > 0, size, 1.0)
                     going &= step < before / 2  # a correction that does not contract is rounding
                     rate = max(rate, float((step[going] / before[going]).max(initial=0.0)))
-                    going &= rate * step > ROUNDING  # what the next correction may change
+                    going &= rate * step > ROUNDING  # the change that the next correction may make
                 x = self.deflate(x, basis)
             X[:, part] = x
         return X
 
 
 def motion_of(carried: Carried) -> RigidMotion | None:
-    """The rigid motion that a model carries; None if it carries none, or if rounding leaves it open."""
+    """The rigid motion that a model carries; None if it carries none, or if rounding does not let it be decided."""
     return found(carried, _of_full)
 
 
 def _of_full(part: Substructure) -> RigidMotion | None:
-    """The rigid motion of a part that carries none, by its own K; None of a large one, or where it is not clear."""
+    """The rigid motion of a part that carries none, from its own K; None for a large part, or if it is not clear."""
     if part.size > DENSE:
         return None
     if not (part.K.nnz if sp.issparse(part.K) else part.K.any()):  # masses that springs join to others
@@ -568,7 +573,7 @@ def _of_full(part: Substructure) -> RigidMotion | None:
 
 
 def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
-    """The matrix, or a submatrix, which is made once and kept as long as the matrix itself."""
+    """The matrix, or its submatrix of these rows and columns, which is made once and kept as long as the matrix."""
     if isinstance(rows, slice):
         return matrix
 
@@ -579,5 +584,5 @@ def _block(matrix: Matrix, rows: Array | slice) -> Matrix:
 
 
 def _known(unit: float) -> str:
-    """What is known of the rounding of K's entries, for a message."""
+    """The rounding of K's entries as words in a message; '' if it is eps."""
     return f" of K's entries (about {unit:.0e} of each)" if unit > EPS else ""

@@ -8,7 +8,7 @@ from femsub.algebra import BLOCK
 from femsub.checks import EPS, Array
 from femsub.modes.shift_invert import ShiftInvert
 
-REMAINDER = 1e-13  # of a static response, its energy or motion: what is left of it beside the modes, and no more, is rounding
+REMAINDER = 1e-13  # share of a static response, its energy or motion, up to which the remainder beside the modes is rounding
 
 
 def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
@@ -20,7 +20,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     handle : K and M
     rest : Ψ, the response to `forces` without the modes' contribution
     forces : F with E = ΨᵀKΨ = ΨᵀF, which is free of cancellation
-    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid ones
+    kept, values : the modes Φ (n, m) and ω² (m,), 0 for rigid-body modes
 
     Returns
     -------
@@ -36,15 +36,15 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     held = (elastic.T @ forces) / square[:, None]
     static = np.einsum("ij,ij->j", rest, forces) + square @ held**2
     if rigid.shape[1]:
-        # the response to a load that inertia balances by itself, as on a piece of one DOF, is nothing but rounding. It may have
-        # lost half of its digits: of the load's rigid part, as energy at the lowest elastic ω²
+        # if inertia alone balances the load, as on a piece of one DOF, the response is nothing but rounding. So the reference
+        # gets half of the digits of the load's rigid part, as energy at the lowest elastic ω²
         static = np.maximum(static, 0.0) + EPS**0.5 * ((rigid.T @ forces) ** 2).sum(axis=0) / handle.lowest
     motion = static
     if forces.shape[1]:
         own, of_modes = (np.einsum("i,ij,ij->j", handle.M.diagonal(), x, x) for x in (rest, elastic))
         motion = np.sqrt(own + of_modes @ held**2)
 
-    # directions of unit energy, and their mass
+    # directions with unit energy, and their mass
     energy = rest.T @ forces
     change, share = energy_directions((energy + energy.T) / 2, static, max(room, 0))
     inertia, rotation = np.linalg.eigh(change.T @ (rest.T @ (handle.M @ rest)) @ change)
@@ -72,7 +72,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
         energy = root @ energy @ root.T
         stiffness[:count], rotation = np.linalg.eigh((energy + energy.T) / 2)
         shapes[:, :count] = x @ (root.T @ rotation)
-    if count < len(inertia):  # of shapes without mass: XᵀKX = 1
+    if count < len(inertia):  # shapes without mass: XᵀKX = I
         x = shapes[:, count:]
         if _lost(handle, x, np.ones(x.shape[1])) <= noise:
             energy = x.T @ (handle.K @ x)
@@ -81,7 +81,7 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
 
 
 def energy_directions(energy: Array, whole: Array, most: int | None = None) -> tuple[Array, Array]:
-    """C (s, k) with CᵀEC = I for shapes with the energy E (s, s), and each direction's share of the energy of `whole` (s,).
+    """C (s, k) with CᵀEC = I for shapes with the energy E (s, s), and each direction's share of the energy `whole` (s,).
 
     Directions with a share of at most REMAINDER are left out. At most `most` are kept, the largest first.
     """
@@ -101,9 +101,9 @@ def lightest(handle: ShiftInvert) -> float:
 
 
 def _lost(handle: ShiftInvert, x: Array, stiffness: Array) -> float:
-    """The relative error of the energies by rounding in the product with K."""
+    """The largest relative error of the energies of x by rounding in the product with K."""
     size, found = abs(handle.K), 0.0
-    for start in range(0, x.shape[1], BLOCK):  # all at once they would take three times the memory of x
+    for start in range(0, x.shape[1], BLOCK):  # all columns at once would take three times the memory of x
         part = slice(start, start + BLOCK)
         motion = abs(x[:, part])
         found = max(found, float((EPS * np.einsum("ij,ij->j", motion, size @ motion) / stiffness[part]).max()))

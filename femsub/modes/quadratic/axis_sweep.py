@@ -1,22 +1,23 @@
-"""Where a parameter that acts through few columns brings an eigenvalue to a line in the plane of s, for all its values: proved.
+"""Proved crossings of eigenvalues over a line in the plane of s, for all values of a parameter that acts through few columns.
 
 In the setting of `femsub.modes.quadratic.cells`, P(s; ε) = P(s) + ε T(s), where T(s) = A(s)Bᵀ has r columns and acts in U alone.
 On the line s = s_0 + t d, P(s; ε) is singular where x = 1/ε is an eigenvalue of the (r, r) matrix
 
     -G(s) - ΔG,   G = Bᵀ P_U⁻¹ A,   ‖ΔG‖ ≤ ‖Bᵀ P_U⁻¹ P_UL‖ ‖P_LU P_U⁻¹ A‖ / (c (1 - a)),   a = ‖P_LU P_U⁻¹ P_UL‖ / c < 1.
 
-So one sweep over t serves all values of the parameter. For |t' - t| ≤ h, in the eigenvectors of -G(s) the matrix is
-diag(μ + (t' - t) b) and what Gershgorin's discs hold: the rest of the first order, whose share in a disc that is clear of all
-others is of the second, and the remainder of the series of 1/(λ - s). A piece in which no disc meets a real x of the range holds
-no crossing. Where discs do that are clear of all others, the μ of each is analytic in t' and within R of μ + (t' - t) b. So by
-Cauchy's estimate μ' is within R / (h - |t' - t|) of b, and where that is below |Im b| there is one crossing at most. As
-dλ/dε = -1 / (ε² dμ/ds), λ crosses a line to its left (seen along d) for Im b > 0.
+So one sweep over t serves all values of the parameter. In the eigenvectors of -G(s) the matrix for |t' - t| ≤ h is
+diag(μ + (t' - t) b) and an error, which Gershgorin's discs enclose. The error has two parts: off-diagonal entries of first order,
+which act to second order on a disc that is clear of all others, and the remainder of the series of 1/(λ - s). If no disc of a
+piece meets a real x of the range, the piece has no crossing. If a disc that does is clear of all others, its eigenvalue is
+analytic in t' and within R of μ + (t' - t) b. So by Cauchy's estimate its derivative is within R / (h - |t' - t|) of b. Where
+this is below |Im b|, there is at most one crossing. As dλ/dε = -1 / (ε² dμ/ds), λ crosses a line to its left (seen along d) for
+Im b > 0. In the code the centres of discs have the diagonal entries of second order as well.
 
-Rounding counts as well. S = Σ x_k z_kᴴ / (λ_k - s) is P_U⁻¹ but for a factor I + E, and with N_k = z_kᴴM (λ_k - σ), t = s - σ,
+Rounding is included. S = Σ x_k z_kᴴ / (λ_k - s) is P_U⁻¹ except for a factor I + E. With N_k = z_kᴴM (λ_k - σ) and t = s - σ,
 
     E = Σ x_k ρ_k / (1 - t ν_k) + (-Σ x_k (N_k + z_kᴴP'(σ)) - I) - t Σ x_k z_kᴴM,   ρ_k = ν_k z_kᴴP(σ) + z_kᴴP'(σ) + N_k,
 
-all of which would be 0. Sums in VᵀT_iV are taken as wrong by four roundings of each.
+where all terms would be 0 without rounding. Each term of a sum in VᵀT_iV is taken to be wrong by four roundings.
 
 Sources: as for `femsub.stability.exclusion`; T. Kato, Perturbation Theory (1995), sec. II.1 (the resolvent as a sum);
 N. J. Higham, T. Mary, SIAM J. Sci. Comput. 41 (2019) A2815 (rounding of sums as random).
@@ -47,7 +48,7 @@ class Line(NamedTuple):
 
 
 class Met(NamedTuple):
-    """The one crossing of a disc with |t - `at`| ≤ `room`: near `at`, in `between` (of t), with ε in `values`. To the `left`?"""
+    """The only crossing of a disc in |t - `at`| ≤ `room`: its t is in `between`, its ε in `values`; is it to the `left`?"""
 
     at: float
     room: float
@@ -56,13 +57,13 @@ class Met(NamedTuple):
     left: bool
 
     def holds(self, other: Met) -> bool:
-        """Whether the other is the same crossing: those in the room are at other values."""
+        """Whether the other is the same crossing: other crossings in the room have other values of ε."""
         return (self.at - self.room <= other.between[0] and other.between[1] <= self.at + self.room
                 and self.values[0] <= other.values[1] and other.values[0] <= self.values[1])
 
 
 class _Enclosures(NamedTuple):
-    """Of each piece (l) the discs (r): centres μ + tb + t²q, radii, and whether they are clear of all others."""
+    """The discs (l, r) of l pieces: centres μ + tb + t²q, radii, and whether a disc is clear of all others."""
 
     mu: Array
     slope: Array
@@ -91,7 +92,7 @@ class Sweep:
         self.T = np.einsum("ik,iab->kab", self.slope, projection.inside)
 
     def shapes(self, s: complex, value: float, steps: int = 4) -> tuple[Array, Array, complex, complex]:
-        """Right and left vectors in V (m,) of the eigenvalue nearest to s; how far it is, and dλ/dε."""
+        """Right and left vectors in V (m,) of the eigenvalue λ nearest to s, λ - s, and dλ/dε."""
         K, D, M = self.P + value * self.T
         P, slope = K + s * (D + s * M), D + 2 * s * M
         factor = la.lu_factor(P + EPS * la.norm(P) * np.eye(len(P)))
@@ -104,7 +105,7 @@ class Sweep:
         return x, z, complex(-(z.conj() @ P @ x) / own), complex(-change / own)
 
     def eigenvalue(self, s: complex, value: float, steps: int) -> complex:
-        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method; NaN if that leaves the region."""
+        """The eigenvalue of P_U(s; ε) near s at ε = `value`, by Newton's method; NaN if the iteration leaves the region."""
         for _ in range(steps):
             if not abs(s) <= self.outer.size:
                 return complex(np.nan)
@@ -132,7 +133,7 @@ class AxisSweep(Sweep):
         self.HX, self.HZ = H @ small.x, H @ small.z
         self.lengths = [np.linalg.norm(part, axis=0) for part in (small.x, small.z)]
         self.each = [np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in small.both_products]
-        # independent errors in the entries of a matrix are a √m-th of their sizes in its norm
+        # independent errors in the entries have a norm of 1/√m of the norm of their sizes
         m = projection.size
         self.rounding = 4 * EPS * m**-0.5 * float(np.append(1.0, largest) @ [
             la.norm(one, 2) for one in projection.sizes(projection.V)])
@@ -166,8 +167,8 @@ class AxisSweep(Sweep):
             try:
                 W = np.linalg.inv(V)
             except np.linalg.LinAlgError:
-                W = np.linalg.pinv(V)  # where V is singular, WV - I is no less than 1
-            # all else in its eigenvectors, entry by entry
+                W = np.linalg.pinv(V)  # V is singular: ‖WV - I‖ is at least 1
+            # all other terms in the eigenvectors of G, entry by entry
             columns, slopes, bends = columns @ V, (self.right[1] + 2 * s[:, None, None] * self.right[2]) @ V, self.right[2] @ V
             left, turn = W @ self.left, (W @ self.left) * each[:, None]
             change = -along * ((turn * each[:, None]) @ columns + turn @ slopes)
@@ -190,7 +191,7 @@ class AxisSweep(Sweep):
                 (rows * growing * reach + (inner * first[:, None]) @ own, answers),
                 (rows * base[:, None] + (inner * whole[:, None]) @ own, answers - begin),
                 (rows * (wrong * largest)[:, None], np.linalg.norm(rest @ V, axis=1)))]
-            # what is outside of U
+            # the coupling with the outside of U
             weight = np.stack([term.weight(s) for term in self.terms])  # (p, l)
             rise = np.stack([term.change(s, h) for term in self.terms]).T
             lengths = small._lengths(s, reach, small.both_products)
@@ -219,10 +220,10 @@ class AxisSweep(Sweep):
         return np.asarray(~(np.maximum(above, beside) > found.radius))
 
     def swept(self, line: Line, least: float, start: int = 64, most: int = 64) -> tuple[list[Met], list[tuple[float, float]]]:
-        """All crossings of a line, and the pieces (of t) in which they are not known.
+        """All crossings of a line, and the pieces (of t) in which crossings are not decided.
 
-        The first of them has a length of `least`, as beside a mode that nothing damps; or there are more than `most` for each
-        eigenvalue of P_U.
+        There are such pieces if one became as short as `least`, as beside an undamped mode, or if more than `most` pieces were
+        tested for each eigenvalue of P_U.
         """
         edges = np.linspace(0.0, line.length, start + 1)
         t, h = (edges[1:] + edges[:-1]) / 2, np.diff(edges) / 2
@@ -240,7 +241,7 @@ class AxisSweep(Sweep):
                     move = -found.mu[i, k].imag / (found.slope[i, k].imag or np.nan)
                     slope = abs(found.slope[i, k].imag)
                     if abs(move) <= 3 * half[i] and found.clear[i, k] and 4 * half[i] * slope > found.radius[i, k]:
-                        several = self._met(line, where[i] + move, 8 * half[i])  # half of it holds the piece
+                        several = self._met(line, where[i] + move, 8 * half[i])  # half of this reach contains the piece
                     if several is None:
                         parts.append((where[i], half[i]))
                     else:
@@ -252,12 +253,12 @@ class AxisSweep(Sweep):
             t, h = np.array(halves).reshape(-1, 2).T
         every: list[Met] = []
         for one in sorted(met, key=lambda one: one.room):
-            if not any(one.holds(other) or other.holds(one) for other in every):  # neighbours meet the same one
+            if not any(one.holds(other) or other.holds(one) for other in every):  # neighbours find the same crossing
                 every.append(one)
         return [self._nearer(line, one) for one in sorted(every)], left
 
     def _met(self, line: Line, at: float, reach: float, known: Met | None = None) -> list[Met] | None:
-        """All crossings with |t - at| ≤ reach / 2, of one disc each; None if these are not proved. Or a `known` one, nearer."""
+        """All crossings with |t - at| ≤ reach / 2, one for each disc, None if not proved; or a `known` one in new bounds."""
         found = self.discs(line.start + np.array([at]) * line.along, np.array([reach]), line.along)
         met, room = [], reach / 2  # the other half is for the estimate of the slope
         for k in np.flatnonzero(self.touches(found, np.array([reach]))[0]):
@@ -276,7 +277,7 @@ class AxisSweep(Sweep):
         return met if known is None else [one for one in met if known.holds(one)]
 
     def _nearer(self, line: Line, one: Met) -> Met:
-        """The same crossing in the narrowest bounds that rounding leaves."""
+        """The same crossing in the narrowest bounds that rounding allows."""
         while True:
             new = self._met(line, one.at, np.diff(one.between)[0], one)
             if not new or not np.diff(new[0].between) < np.diff(one.between) / 2:
@@ -300,7 +301,7 @@ def residuals_of(matrices: Array, shift: float, nu: Array, x: Array, z: Array) -
 
 
 def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Array, h: Array) -> _Enclosures:
-    """Discs for all V⁻¹GV + tb + t²q + F, |t| ≤ h, |F| ≤ off entry by entry, of each of l matrices, (l, r, r); W is about V⁻¹."""
+    """Gershgorin's discs of l matrices V⁻¹GV + tb + t²q + F (l, r, r) for all |t| ≤ h and |F| ≤ off, entry by entry; W ≈ V⁻¹."""
     r, t = G.shape[1], h[:, None, None]
     eye = np.eye(r)
     turned = W @ G @ V
@@ -316,7 +317,7 @@ def _discs(G: Array, mu: Array, V: Array, W: Array, b: Array, q: Array, off: Arr
         rows = every.sum(axis=2)
         slack = np.abs(mu[:, :, None] - mu[:, None]) - steps[:, :, None] - steps[:, None] - rows[:, None]
         slack += np.where(eye, np.inf, 0.0)
-        # row i scaled by τ, column i by 1/τ: the others' discs grow by half of the slack at most, and that of i shrinks
+        # row i scaled by τ, column i by 1/τ: the others' discs grow by at most half of the slack, and disc i shrinks
         tau = np.where(slack > 0, 2 * every.swapaxes(1, 2) / slack, np.inf).max(axis=2)
         radius = own + np.where(rows > own, (rows - own) * tau, 0.0)
         clear = (tau <= 1) & (radius < slack.min(axis=2) / 2) & (rows < slack.min(axis=2))

@@ -1,7 +1,7 @@
 """Error bars of the eigenvalues of λ²M + λD + K: residual times condition, entry by entry, from left vectors.
 
-A search is accurate beside the norms of M, D and K. That is worth little where a dashpot is many orders larger than all else.
-The residual shows it entry by entry, and `mended` corrects the pairs whose bars are poor (`correction`).
+A search is accurate relative to the norms of M, D and K. This says little if a dashpot is many orders of magnitude larger than
+all other entries. The residual shows such errors entry by entry, and `mended` corrects pairs with poor error bars (`correction`).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None 
     found = values if known is None else known  # the gap of a λ is its distance to the nearest other one, conjugates included
     every = np.append(found, found[~np.isin(found.conj(), found)].conj())  # one or both of a pair may be listed
     points, asked = (np.stack([part.real, part.imag], axis=1) for part in (every, values))
-    gaps = np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])  # inf without one
+    gaps = np.asarray(cKDTree(points).query(asked, k=2)[0][:, 1])  # inf without a neighbour
     half, second = np.flatnonzero(values.imag >= 0), np.flatnonzero(values.imag < 0)
     upper = values[half]
     of = np.repeat(np.arange(len(half)), 1 + (upper.imag > HALF * np.abs(upper)))
@@ -58,7 +58,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     residual = rest * values + pencil.restoring(values, X)
     slope = inertia + rest  # P'(λ)x = 2λMx + Dx
     whole = pencil.magnitude(values, X)
-    # twice: with the vectors off by a half, the residual is that far from the error to first order
+    # factor 2: vectors may be wrong by a half, and the first-order error with them
     doubt = 2 * np.abs(residual) + 4 * EPS * whole
     doubt += EPS * (pencil.noise @ (pencil.noise.T @ np.abs(X))) * np.abs(values)  # the projection's rounding in D
     sensitivity = np.abs(np.einsum("ij,ij->j", Y.conj(), slope))
@@ -79,15 +79,15 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     bar = np.divide(spread, sensitivity, out=np.full(len(values), np.inf), where=sensitivity > 0)
     # With a neighbour at distance g the first-order bar b becomes d from d (g - d) = b g. If b is not small compared with
     # g, the two eigenvalues may coalesce, and first-order theory is not valid.
-    close = ~(bar < gap / 8)  # two infinite ones as well
+    close = ~(bar < gap / 8)  # also if both are infinite
     share = np.divide(bar, gap, out=np.zeros_like(bar), where=~close & (gap > 0))
     bar = np.where(close, bar + gap, 2 * bar / (1 + np.sqrt(1 - 4 * share)))
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
-    # A left vector may lack a part that is small beside it, but acts where the residual is large. Then |y|ᵀ|r| is too small: a
-    # poor bar of a dense model is looked at again, with y after a step of inverse iteration, for as many as take together the
-    # time of one at the largest size
+    # A left vector may lack a small component that acts where the residual is large. Then |y|ᵀ|r| is too small. So poor bars of a
+    # dense model are evaluated again, with y after a step of inverse iteration. Their number is limited: together they take the
+    # time of a single one in the largest model
     poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0) & (not pencil.is_sparse))
     for k in poor[:int((QUADRATIC / pencil.size) ** 3)]:
         solver = solver_near(pencil, values[k])
@@ -97,7 +97,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
                 better = 2 * np.abs(y) @ np.abs(residual[:, k]) / abs(y.conj() @ slope[:, k])
             bar[k] = max(bar[k], better if np.isfinite(better) else 0.0)
     still = np.flatnonzero(values == 0)
-    if len(still):  # K may hold nothing of a carried motion but rounding
+    if len(still):  # K may have nothing but rounding on a carried motion
         bar[still if carries(pencil) else still[share[still] <= HALF]] = 0.0
     size = np.abs(values)
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
@@ -117,18 +117,18 @@ class Mended(NamedTuple):
 
 
 def mended(pencil: Pencil, values: Array, X: Array, Y: Array, vague: float = 0.1) -> Mended:
-    """Eigenpairs with corrections of those whose error bar is poor: above what two equal results differ by, and above rounding.
+    """Eigenpairs, corrected where the error bar is poor: above `EQUAL` |λ|, and with a residual above rounding.
 
-    A pair is mended only if λ stays within its error bar and its residual falls to rounding. Pairs that are mended already are
-    kept out of it. If two still come to the same shape, the second stays as it was, so none is lost. Without a left vector (a
-    zero column) x̄ is the start.
+    A pair is mended only if λ stays within its error bar and its residual falls to rounding. It is kept apart from pairs that are
+    mended already. If two pairs still converge to the same shape, the second keeps its old values, so no pair is lost. If a left
+    vector is missing (a zero column), the iteration starts with x̄.
 
     Parameters
     ----------
     pencil : Pencil
     values, X, Y : ndarray, shapes (k,), (n, k) and (n, k)
     vague : float
-        Error bar relative to |λ| above which a pair that cannot be mended may be none: less than one digit is known of it.
+        Error bar relative to |λ| above which a pair that cannot be mended may be no eigenpair: less than one digit of λ is known.
     """
     values, X, done = values.copy(), X.astype(complex), np.zeros(len(values), dtype=bool)
     Y = np.where(Y.any(axis=0), Y, X.conj())

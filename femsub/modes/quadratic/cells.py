@@ -1,28 +1,31 @@
 """The proof of a count for all values of parameters in a cell at once.
 
 In the setting of `energy_basis`, P(s; θ) = P(s; θ_c) + E, E = Σ_q ε_q s^k T_q with |ε_q| ≤ δ_q, each T_q a whole term,
-unsymmetric or not. With A⁻¹T_q outside and inside U, and the polar decompositions T_qV = W|T_qV|, T_qᵀV = Z|T_qᵀV| in the norm of
-A, there are Q_R = |T_qV|^½ and Q_L = |T_qᵀV|^½, (m, r), such that the blocks of T_q are
+unsymmetric or not. The polar decompositions T_qV = W|T_qV| and T_qᵀV = Z|T_qᵀV| in the norm of A give Q_R = |T_qV|^½ and
+Q_L = |T_qᵀV|^½, (m, r). With these the blocks of T_q, inside and outside U, are
 
     T_UU = Q_L C Q_Rᵀ,   T_LU = B_R Q_Rᵀ,   T_UL = Q_L B_Lᵀ,   ‖C‖ ≤ 1
 
-(mixed Schwarz inequality: |yᴴTx|² ≤ xᴴ|T|x · yᴴ|Tᵀ|y, and the square root is operator monotone). With √(δ_q |s|^k) in Q_R, Q_L
-and B, E has these blocks with some ‖C‖ ≤ 1. Singular values of T_qV that are too small to matter join as columns √ρ I.
+(mixed Schwarz inequality: |yᴴTx|² ≤ xᴴ|T|x · yᴴ|Tᵀ|y, and the square root is operator monotone). With the factor √(δ_q |s|^k) in
+Q_R, Q_L and B, E has blocks of this form with some ‖C‖ ≤ 1. Singular values of T_qV that are too small to matter are not kept one
+by one: columns √ρ I stand for all of them.
 
-At θ_c, P_U⁻¹ = XZᴴ + T_f: pairs near the contour, with 1/√(λ_k - s) in both x_k and z_k, and the sum T_f of all others, in which
-much cancels. Where P(s; θ)(u, y) = 0, u = Xg + T_f v and p = Q_RᵀT_f v, then with R' = P_LU + E_LU and L' = P_UL + E_UL
+At θ_c, P_U⁻¹ = XZᴴ + T_f. XZᴴ has the eigenpairs near the contour, with 1/√(λ_k - s) in both x_k and z_k. T_f is the sum over all
+other pairs, whose terms largely cancel. If P(s; θ)(u, y) = 0 with u = Xg + T_f v, let p = Q_RᵀT_f v, R' = P_LU + E_LU and
+L' = P_UL + E_UL. Then
 
     g = (ZᴴET_fEX - ZᴴEX) g + ZᴴET_fQ_L C p + (ZᴴET_f - Zᴴ) L' y
     p = -Q_RᵀT_f (EX g + Q_L C p + L' y)
     y = -P_L⁻¹ (R'X g - P_LU T_f (EX g + Q_L C p + L' y) + B_R C p)
 
-Norms of these blocks, single entries for each near pair, are a matrix β ≥ 0, with ‖P_L⁻¹‖ ≤ 1/c for the whole cell. Where its
-spectral radius ϱ is below 1, the only solution is 0. So the first two orders in E are exact for near pairs: of friction, zᴴEx
-is small beside ‖Q_Lᵀz‖ ‖Q_Rᵀx‖. In a cluster, whose vectors depend on each other nearly, sums over pairs are large; beside it
-all pairs belong to T_f. On a closed curve this shows that as many eigenvalues are inside for all θ in the cell as at θ_c.
+Bounds of these blocks form a matrix β ≥ 0, with a row and a column for each near pair, for p and for y; ‖P_L⁻¹‖ ≤ 1/c holds in
+the whole cell. If the spectral radius ϱ of β is below 1, the only solution is 0. If this holds on a closed curve, the number of
+eigenvalues inside is the same for all θ in the cell as at θ_c. For near pairs the first two orders in E enter exactly. This
+matters for friction, where zᴴEx is small compared with ‖Q_Lᵀz‖ ‖Q_Rᵀx‖. In a cluster with nearly dependent vectors, sums over
+single pairs are large. Near such a cluster, all pairs belong to T_f.
 
-Products with T_f are evaluated in the middle of pieces of the curve; what they change over a piece is bounded by sums over
-eigenpairs. They serve the finer pieces on which near pairs are bounded.
+Products with T_f are evaluated in the middle of each piece of the curve. Their change over the piece is bounded by sums over
+eigenpairs. The same products serve the finer pieces on which near pairs are bounded.
 
 References: T. Kato, Math. Ann. 125 (1952) 208 (mixed Schwarz inequality); L. Collatz, Math. Z. 48 (1942) 221 (ϱ(β) is at most the
 largest (βw)_i / w_i, w > 0); A. T. Patera, G. Rozza (2007), see `energy_basis`.
@@ -42,13 +45,13 @@ from femsub.modes.quadratic.energy_basis import PIECES, SAFE, WIDER, Coupling, E
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
 
-LEFT = 0.005  # share of the bound that singular values which are left out may take
+LEFT = 0.005  # share of the bound that truncated singular values may use
 
 
 class WholeTerm(NamedTuple):
-    """A whole term T s^power that a parameter changes, by TᵀV and TV in the norm of A.
+    """A whole term T s^power that a parameter changes, given by TᵀV (`left`) and TV (`right`) in the norm of A.
 
-    Of each: its singular values and vectors, and the Gram matrix of what is outside V.
+    Each of the two has its singular values, singular vectors, and the Gram matrix of its components outside V. `inside` is VᵀTV.
     """
 
     power: int
@@ -58,9 +61,9 @@ class WholeTerm(NamedTuple):
 
     @classmethod
     def of(cls, basis: EnergyBasis, halves: Sequence[int], power: int) -> WholeTerm:
-        """The term that is the sum of these symmetric and skew ones of the basis."""
+        """The sum of the basis' symmetric and skew terms with the numbers `halves`, as one whole term."""
         signs = [basis.terms[i].sign for i in halves]
-        T = basis.inside[list(halves)].sum(axis=0)  # 0 of a parameter without effect, which has none
+        T = basis.inside[list(halves)].sum(axis=0)  # 0 for a parameter without effect, which has no terms
         noise = len(halves) * np.diag(basis.noise[list(halves)].sum(axis=0))
         sides = []
         for inner, own in ((T @ T.T, signs), (T.T @ T, [1.0] * len(halves))):
@@ -71,7 +74,8 @@ class WholeTerm(NamedTuple):
         return cls(power, T, *sides)
 
     def columns(self, least: float) -> tuple[list[Array], list[float], float]:
-        """Q_L and Q_R of singular values above `least`, ‖B_L‖ and ‖B_R‖, and the sum of the next singular values."""
+        """Q_L and Q_R of singular values above `least`, ‖B_L‖ and ‖B_R‖, and the sum of the largest values left out.
+        """
         Q, outside, rest = [], [], 0.0
         for size, vectors, outer in (self.left, self.right):
             k = int(np.count_nonzero(size > least))
@@ -83,9 +87,9 @@ class WholeTerm(NamedTuple):
 
 
 def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
-    """H (p, h, m) with H_iᵀH_j = `basis.lost` of terms of these sizes, and the norm of what it lacks.
+    """H (p, h, m) with H_iᵀH_j ≈ `basis.lost`[i, :, j], and a bound of the norm of its error, for terms of these `sizes` (p,).
 
-    By Cholesky with pivots, which ends at three fifths of the digits.
+    By Cholesky factorisation with pivots, which ends where the pivots fall below eps^0.6 / pm.
     """
     p, m = basis.lost.shape[:2]
     scale = np.repeat(sizes, m)
@@ -104,15 +108,15 @@ def images(basis: EnergyBasis, sizes: Array) -> tuple[Array, float]:
 
 
 class CellBound:
-    """ϱ(β)² on a contour, for all θ with |θ_q - θ_c| ≤ δ_q.
+    """Upper bound of ϱ(β)² on a contour, for all θ with |θ_q - θ_c| ≤ δ_q.
 
     Parameters
     ----------
     small : Coupling
-        At θ_c.
+        The eigenpairs at θ_c and their coupling with the outside.
     contour : Contour
     c : float
-        For the whole cell.
+        The coercivity constant of the whole cell.
     changes : sequence of (WholeTerm, float)
         Whole terms with their δ.
     outside : tuple
@@ -153,7 +157,7 @@ class CellBound:
         self.within = [[np.stack([sum((np.abs(columns.T @ of)**2).sum(axis=0) for columns, own in several if own == power)
                                   + self.rest * (power == 0) * (np.abs(of)**2).sum(axis=0) for power in range(3)])
                         for of in side] for side, several in zip(sides, parts, strict=True)]
-        # in single precision, with the sizes that its rounding has, see `_of_far`
+        # single precision; `norms` bound its rounding, see `_of_far`
         self.X = all_x, all_z.conj().T.copy()
         weights = np.transpose([term.weights for term in small.basis.terms])
         signs = np.array([term.sign for term in small.basis.terms])
@@ -167,14 +171,15 @@ class CellBound:
                       for (columns, own), H in zip(self.Q, self.H, strict=True)]
 
     def _of_far(self, s: complex, reach: float, apart: bool) -> Array:
-        """What `_bound` needs of T_f, at s and for all |s' - s| ≤ reach, in rows (2, 4 + 2n + n²).
+        """The products with T_f that `_bound` needs, at s and for all |s' - s| ≤ reach, in two rows (2, 4 + 2n + n²).
 
-        It is the sum of the far pairs, or of all if the near ones are not `apart`. With R = P_LU and L = P_UL: ‖Q_RᵀT_fQ_L‖,
-        ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c, ‖RT_fL‖/c; and of the near pairs ‖z_jᴴET_fQ_L‖, ‖Q_RᵀT_fEx_k‖ and |z_jᴴET_fEx_k|.
+        T_f is the sum over the far pairs, or over all pairs if the near pairs are not `apart`. With R = P_LU and L = P_UL, a row
+        has ‖Q_RᵀT_fQ_L‖, ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c and ‖RT_fL‖/c; then for the n near pairs ‖z_jᴴET_fQ_L‖, ‖Q_RᵀT_fEx_k‖ and
+        |z_jᴴET_fEx_k|.
         """
         small, powers, exact, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, apart), self.rest**0.5
         size, T = np.abs(exact), (self.X[0] * exact) @ self.X[1]
-        whole, T = la.norm(T), T.astype(np.complex64)  # in sums of single precision vectors of clusters would lose all digits
+        whole, T = la.norm(T), T.astype(np.complex64)  # summed in single precision, clusters would lose all digits
         Q_L, Q_R = (part * np.sqrt(powers).astype(np.float32)[power] for part, power in self.Q)
         degrees = (s ** np.arange(3)).astype(np.complex64)
         L, R = (np.tensordot(own, part, 1) for own, part in zip((degrees.conj(), degrees), self.H, strict=True))
@@ -182,7 +187,8 @@ class CellBound:
         zE, Ex, zs, xs = (sum(powers[one[0]] * np.abs(one[k]) for one in self.first) for k in range(1, 5))
         zT = [powers[power] * own @ T for power, own, *_ in self.first]
         Tx = [powers[power] * T @ own for power, _, own, *_ in self.first]
-        # lengths of what T_f stands between, for each pair: images in Q and outside, and what R and L at s lack of these
+        # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside. `moved` bounds the difference of
+        # images by R and L from those at s
         columns = [np.sqrt(powers @ part) for _, part in self.within]
         images = [self.root * part[0]
                   for part in small._lengths(np.array([s]), np.array([[reach]]), self.products)[::-1]]
@@ -201,7 +207,7 @@ class CellBound:
         z, x = la.norm(zE, axis=1), la.norm(Ex, axis=0)
         here = np.hstack(here) + digits * np.hstack([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L,
                                                      z * of_L, x * of_R, np.outer(z, x).ravel()])
-        # what T_f changes by, in sums over pairs
+        # change of T_f over the piece, by sums over pairs
         with np.errstate(invalid="ignore", divide="ignore"):
             distance = np.where(size > 0, np.abs(small.each[self.order] - s), np.inf)
             change = np.where(distance > reach, size * reach / (distance - reach), np.inf)
@@ -215,7 +221,7 @@ class CellBound:
         return np.stack([here, here + np.hstack(more)])
 
     def _bound(self, s: Array, reach: Array, of_far: Array, apart: Array, *, coupled: bool = True) -> Array:
-        """ϱ(β)² for |s' - s| ≤ reach, at most; without what is outside if not `coupled`."""
+        """Upper bounds (l,) of ϱ(β)² for |s' - s| ≤ reach; without the coupling to the outside if not `coupled`."""
         n, (to_u, from_u) = len(self.near), self.B
         powers = (np.abs(s) + reach)[:, None] ** np.arange(3)
         near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
@@ -236,22 +242,22 @@ class CellBound:
         return np.where(np.isfinite(a).all(axis=1) & known, found**2, np.inf)
 
     def _coefficients(self, s: complex, apart: bool) -> Array:
-        """1/(λ - s), 0 of infinite λ, and of near ones that are `apart`."""
+        """1/(λ - s) of all pairs; 0 for infinite λ, and for the near pairs if these are `apart`."""
         nu = self.small.nu[self.order]
         found = nu / (1 - (s - self.small.shift) * nu)
         found[:len(self.near) * apart] = 0.0
         return found
 
     def margin(self) -> tuple[float, list[Array], Array, complex]:
-        """ϱ(β)² on the contour, at most; directions that lower it; and where it fails, the share of each change there, and s.
+        """Upper bound of ϱ(β)² on the contour, directions that lower it, the share of each change where it fails, and s there.
 
-        Near pairs stand apart, but where that is too much, as in a cluster whose vectors depend on each other nearly.
-        Where it cannot be shown to be below `SAFE`, it is that at s, or the like.
+        Near pairs are treated one by one, except where this makes the bound too large, as in a cluster of nearly dependent
+        vectors. If the bound is not below `SAFE` everywhere, the value returned is that at s, or on a piece about s.
         """
         every, zero = self.contour.at(np.linspace(0.0, 1.0, 128)), np.zeros(1)
         none = np.zeros((128, 4 + (2 + len(self.near)) * len(self.near)))
         least = self._bound(every, np.zeros(128), none, np.ones(128, dtype=bool))
-        at = every[[least.argmax()]]  # where most cells that are too large fail
+        at = every[[least.argmax()]]  # most cells that are too large fail here
         tried = [(self._of_far(at[0], 0.0, apart)[:1], np.array([apart])) for apart in (True, False)]
         best = min(tried, key=lambda one: float(self._bound(at, zero, *one)[0]))
         if (bound := float(self._bound(at, zero, *best)[0])) >= SAFE:
@@ -268,7 +274,7 @@ class CellBound:
             start, stop, s, reach, of_far, apart = (part[~good] for part in (start, stop, s, reach, of_far, apart))
             if not len(s):
                 break
-            if seen > PIECES // 100 or (stop - start < 1e6 * EPS).any():  # a smaller cell takes less time
+            if seen > PIECES // 100 or (stop - start < 1e6 * EPS).any():  # a smaller cell is faster
                 return float(found[~good][0]), [], self._blame(s[0]), s[0]
             here, coarse = (self._bound(s, 0 * reach, of_far[:, k], apart) >= SAFE for k in range(2))
             if (here & ~apart).any():  # halving does not help
@@ -284,9 +290,10 @@ class CellBound:
         return worst, [], np.zeros(len(self.changes)), 0j
 
     def _blame(self, s: complex) -> Array:
-        """About what halving the range of each change would gain: its share in β, of near pairs and of all others together.
+        """Estimate of the gain from halving each change's range: its share in β, from each near pair and from all others
+        together.
 
-        A sum over all pairs would blame a change with many shapes of its own, such as that of a whole part's stiffness.
+        A sum over all pairs would overrate a change that moves many shapes, such as that of a whole part's stiffness.
         """
         small, T = self.small, (self.X[0] * self._coefficients(s, True)) @ self.X[1]
         size = np.abs(small.nu[self.near]) / np.maximum(small._apart(np.array([s]), self.near)[0], EPS)
@@ -297,9 +304,9 @@ class CellBound:
         return np.array(found)
 
     def _directions(self, at: Array, of_far: Array, apart: Array) -> list[Array]:
-        """Residuals of what the changes move most, if the coupling with the outside has a share in the bound."""
+        """Residuals of the directions that the changes move most; none if the bound fails without the coupling to the outside."""
         s = at[0]
-        if self._bound(at, np.zeros(1), of_far, apart, coupled=False)[0] >= SAFE / 4:  # a smaller cell gains more
+        if self._bound(at, np.zeros(1), of_far, apart, coupled=False)[0] >= SAFE / 4:  # then a smaller cell gains more
             return []
         small, found = self.small, []
         middle = small.nu / (1 - (s - small.shift) * small.nu)
@@ -312,7 +319,7 @@ class CellBound:
 
 
 def _radius(gg: Array, gp: Array, gy: Array, pg: Array, yg: Array, few: Array) -> Array:
-    """At most the spectral radius of each [gg gp gy; pg QQ py; yg yp yy] ≥ 0 (l, n + 2, n + 2), by Collatz's quotients."""
+    """Upper bounds of the spectral radii of [gg gp gy; pg QQ py; yg yp yy] ≥ 0 (l, n + 2, n + 2), by Collatz's quotients."""
     n, (pp, py, yp, yy) = gp.shape[1], few[:, :, None]
     w, found = np.ones((len(gp), n + 2)), np.full(len(gp), np.inf)
     for _ in range(WIDER):
@@ -326,7 +333,7 @@ def _radius(gg: Array, gp: Array, gy: Array, pg: Array, yg: Array, few: Array) -
 
 
 def _norm(A: Array) -> float:
-    """The largest singular value, by the smaller of the two products."""
+    """The largest singular value, from the smaller of AAᴴ and AᴴA."""
     if not A.size:
         return 0.0
     gram = A @ A.conj().T if A.shape[0] < A.shape[1] else A.conj().T @ A

@@ -57,10 +57,11 @@ class ComplexModes(Shaped):
     backward_error : ndarray, shape (k,)
         See `Pencil.backward_error`.
     error_bar : ndarray, shape (k,)
-        Bound of the error of the eigenvalue: |y|ᵀ(|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times
-        condition number, with the left vector y (Tisseur 2000, Th. 5). It is evaluated entry by entry, so it does not depend
-        on the units of the DOF. If rounding may let two eigenvalues coalesce, their gap is added. Infinite for a defective
-        eigenvalue, and where |y|ᵀ|r| is above 1e-3 of the terms in it: then λ and x solve nothing. 0 for rigid motion.
+        Bound of the error of the eigenvalue: |y|ᵀ(2|r| + rounding in P(λ)x) / |yᴴP'(λ)x|, that is backward error times condition
+        number, with the residual r = P(λ)x and the left vector y (Tisseur 2000, Th. 5). It is evaluated entry by entry, so it
+        does not depend on the units of the DOF. If rounding may let two eigenvalues coalesce, their gap is added. Infinite for a
+        defective eigenvalue. Infinite also if |y|ᵀ|r| is above 1e-3 of the same sum over the terms of r: λ and x are no solution
+        then. 0 for rigid motion.
     condition : ndarray, shape (k,)
         κ = (|λ|²‖M‖ + |λ|‖D‖ + ‖K‖) ‖x‖‖y‖ / (|λ| |yᴴP'(λ)x|): a relative perturbation ε of the matrices moves λ by up to
         κ ε |λ| (Tisseur 2000, Th. 5). Unlike `error_bar` it depends on the units of the DOF. Infinite at 0 and for a
@@ -68,25 +69,25 @@ class ComplexModes(Shaped):
     rigid : ndarray of bool, shape (k,)
         Eigenvalues at 0 from rigid-body modes, Kx = 0 within rounding: neither unstable nor Hopf points.
     above_cutoff : ndarray of bool, shape (k,)
-        Beyond the reduction's cut-off: listed without a band, but ignored in `is_stable`.
+        Eigenvalues above the reduction's cut-off. They are listed if no band was asked for, but `is_stable` ignores them.
     searched : (re_lo, re_hi, lo, hi) or None
         The rectangle that was searched for a band.
     cutoff : float
-        That of the model (inf of a full one). Nothing is said about what lies above it. Where it is not known (NaN), the evidence
-        is 'not checked'.
+        Cut-off of the model (inf for a full model). No statement is made about modes above it. If it is not known (NaN), the
+        evidence is 'not checked'.
     tally : Tally
-        The eigenvalues found beside their independent number (`femsub.checks`).
+        The number of eigenvalues found and their independent count (`femsub.checks`).
     evidence : str
-        The evidence that none is missing. 'certified': all eigenvalues were computed, or inertia gives their number, alone or
-        with the bound of a projection. 'not checked' otherwise.
+        The evidence that no eigenvalue is missing. 'certified': all eigenvalues were computed, or their number follows from
+        inertia, alone or together with the error bound of a projection. 'not checked' otherwise.
     counted : (radius, number) or None
-        The independent count in a disc: `number` eigenvalues lie in |λ| < radius, conjugates included,
-        and all have been found. The disc contains the searched rectangle, or its unstable part.
+        The independent count in a disc: `number` eigenvalues lie in |λ| < radius, conjugates included, and all have been found.
+        For a band the disc contains the searched rectangle. None if the count was made in a rectangle.
     full_growth : ndarray, shape (k, 2), or None
-        Of a model of contact modes with a tolerance, under the contacts that it was made for: the range in which Re λ of the full
-        system lies; NaN outside the band.
+        The range in which Re λ of the full system lies; NaN outside the band. Known for a model of contact modes with a
+        tolerance, under the contacts that it was made for; else None.
     left : ndarray of complex, shape (n, k) or (r, k), or None
-        Left eigenvectors of unit length, yᴴP(λ) = 0, which the error bars come from; None where they were not computed.
+        Left eigenvectors of unit length, yᴴP(λ) = 0, from which the error bars follow; None if they were not computed.
 
     Examples
     --------
@@ -119,7 +120,7 @@ class ComplexModes(Shaped):
     def stable(self) -> tuple[bool | None, ...]:
         """Per eigenvalue: True left of the axis, False right of it, None on it within the error bar (or rigid).
 
-        None as well where `full_growth` is known and does not say the same.
+        None as well if `full_growth` is known and contradicts the sign or contains 0.
         """
         votes = [None if rigid or abs(value.real) <= bar else bool(value.real < 0)
                  for value, bar, rigid in zip(self.eigenvalues, self.error_bar, self.rigid, strict=True)]
@@ -130,7 +131,7 @@ class ComplexModes(Shaped):
 
     @property
     def is_stable(self) -> bool | None:
-        """False if a mode grows, True if all decay, None if the error bars leave it undecided.
+        """False if a mode grows, True if all modes decay, None if the error bars do not decide.
 
         Rigid-body modes and modes above the cut-off do not count.
         """
@@ -162,14 +163,14 @@ class ComplexModes(Shaped):
 
     @property
     def growth(self) -> float:
-        """The largest Re λ of the modes that count for `is_stable` (-inf if there is none)."""
+        """The largest Re λ of the modes that decide `is_stable` (-inf if there is none)."""
         return float(self.eigenvalues.real[~self.rigid & ~self.above_cutoff].max(initial=-np.inf))
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
 
     def tables(self) -> list[Table]:
-        """A row for each eigenvalue with Im λ ≥ 0, by frequency."""
+        """A table with a row for each eigenvalue with Im λ ≥ 0, by frequency."""
         stable = self.stable
         chosen: Array = np.flatnonzero(self.eigenvalues.imag >= 0)
         rows = [{"mode": number, "omega": float(self.eigenvalues[i].imag),
@@ -181,23 +182,26 @@ class ComplexModes(Shaped):
         return [Table("complex-modes", rows, columns, "Complex modes")] if rows else []
 
     def chart(self, title: str = "Complex modes") -> Chart:
-        """Im λ over Re λ, and over the damping ratio -Re λ/|λ| in %, of eigenvalues with Im λ ≥ 0; growing ones are red."""
+        """Im λ over Re λ, and over the damping ratio -Re λ/|λ| in %, for eigenvalues with Im λ ≥ 0; growing modes are red."""
         return modes_chart(self, title)
 
     @property
     def least_stable(self) -> int | None:
-        """The index of the oscillation with the largest Re λ, rigid motion apart; None where nothing oscillates."""
+        """The index of the oscillating mode with the largest Re λ, without rigid motion; None if no mode oscillates."""
         moving = np.flatnonzero(~self.rigid & (self.eigenvalues.imag > 0))
         return int(moving[np.argmax(self.eigenvalues.real[moving])]) if len(moving) else None
 
     @property
     def fastest(self) -> int | None:
-        """The index of the oscillation below the cut-off that grows fastest; None where none grows."""
+        """The index of the oscillating mode below the cut-off that grows fastest; None if none grows."""
         at = np.flatnonzero((self.eigenvalues.imag > 0) & ~self.above_cutoff & (self.eigenvalues.real > 0))
         return int(at[np.argmax(self.eigenvalues.real[at])]) if len(at) else None
 
     def growing(self, model: Substructure | None = None) -> list[dict[str, Any]]:
-        """A row for each growing mode, by frequency; with the model each part's share of the kinetic energy, 'energy_PART'."""
+        """A row for each growing mode, by frequency.
+
+        With the model given, a row has each part's share of the kinetic energy, 'energy_PART'.
+        """
         chosen: Array = self.unstable[np.argsort(self.eigenvalues[self.unstable].imag)]
         shares = {} if model is None else parts_energies(model, self.shapes[:, chosen])[0]
         return [{"omega": value.imag, "growth": value.real, "error_bar": bar, "damping": -100 * value.real / abs(value),
@@ -205,12 +209,12 @@ class ComplexModes(Shaped):
                 for i, (value, bar) in enumerate(zip(self.eigenvalues[chosen], self.error_bar[chosen], strict=True))]
 
     def drawn_first(self) -> list[int]:
-        """Growing modes, or the least stable one."""
+        """Indices of the growing modes with Im λ > 0; if there are none, the index of the least stable mode."""
         grows = [int(i) for i in self.unstable if self.eigenvalues[i].imag > 0]
         return grows or [i for i in (self.least_stable,) if i is not None]
 
     def title_of(self, i: int) -> str:
-        """The title of a shape."""
+        """The title of a picture of shape i: frequency and damping."""
         return f"ω = {self.eigenvalues[i].imag:.5g} rad/time, damping {self.damping_percent[i]:.3g} %"
 
     def __repr__(self) -> str:
@@ -228,15 +232,15 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
                   re: tuple[float, float] | None = None, evidence: bool | None = None) -> ComplexModes:
     """Complex modes of a substructure with linearised contacts, or of a pencil: (λ²M + λD + K)x = 0.
 
-    A projection on undamped modes counts those of sparse models, and of dense ones above 300 DOF (see `evidence`). Its eigenpairs
-    are corrected with its own factor until their residual is rounding. Where no projection can count, or most eigenvalues are
-    wanted, LAPACK finds all of models of up to 2,000 DOF and of dense ones, and SLEPc's PEP (TOAR, shift-invert) those nearest
-    to 0 of larger ones.
+    The eigenvalues of sparse models, and of dense models above 300 DOF, are counted by a projection on undamped modes (see
+    `evidence`). The eigenpairs of the projection are corrected with its own factor until their residual is rounding. If no
+    projection can count, or most eigenvalues are wanted, LAPACK finds all eigenvalues of dense models and of models of up to
+    2,000 DOF. In larger sparse models SLEPc's PEP (TOAR, shift-invert) finds the eigenvalues nearest to 0.
 
     A model with structural damping H has K + iH in place of K where Im λ > 0, K - iH where Im λ < 0, and K where λ is real. All
-    solutions are listed. LAPACK finds them, up to 2,000 DOF. On the imaginary axis, where stability is lost, H is exact. The
-    real λ are those without H. Where H lifts one of these above the axis, the pair is listed beside it. So there may be more
-    than 2n eigenvalues.
+    solutions are listed. LAPACK finds them, up to 2,000 DOF. On the imaginary axis, where stability is lost, H is exact. The real
+    λ are those of the model without H. If H moves one of these above the real axis, the real λ and the new pair are both listed.
+    So there may be more than 2n eigenvalues.
 
     Parameters
     ----------
@@ -250,34 +254,35 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
         Number of eigenvalues nearest to 0, conjugates included. A pair is never split, so there may be one more.
     band : (lo, hi), optional
         Every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. The edges belong to the band, with a
-        tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at
-        all (`bands.in_band`). Of contact modes with a tolerance a λ beside the band is listed, too, if that of the full system
-        may be in it. A band that reaches above the cut-off of a reduced model is refused.
+        tolerance of 1e-9 |λ| for rounding. A double eigenvalue split by rounding (up to 1e-6 |λ|) is in as a whole or not at all
+        (`bands.in_band`). For contact modes with a tolerance, a λ beside the band is also listed if the λ of the full system may
+        lie in the band. A band that reaches above the cut-off of a reduced model is refused.
     re : (a, b), optional
         With `band`: a ≤ Re λ ≤ b instead.
     evidence : bool, optional
-        Whether to count the eigenvalues independently. In a band, for any D and K, the undamped modes up to 2.5 times the band
-        are found and counted, and a bound of what they leave out proves the number (`projected_count`): a few real
-        factorisations, and about as many solves as for 300 modes. Two factorisations are enough if D is proportional except for
-        at most 40 columns (belts, dashpots). A `count` is made in a disc around 0. This is the default for a band, and for a
-        `count` up to 200,000 DOF; up to 2,000 DOF it is always made. Where damping or gyroscopic forces are too strong for it,
-        LAPACK lists all up to 2,000 DOF: 2n, or as many as the ranks of M and D leave. Above, inertia alone counts where D is
-        proportional, or skew as of a part that turns. Nothing else counts there, whatever `evidence` asks for: a search lists
-        what it finds, 'not checked', and a warning gives the reason with the number needed. With ``evidence=True`` the search is
-        repeated from other starts where eigenvalues meet.
+        Whether to count the eigenvalues independently. In a band, for any D and K, the undamped modes up to 2.5 times the upper
+        edge are found and counted. A bound of the truncation error then proves the number of complex eigenvalues
+        (`projected_count`). This takes a few real factorisations, and about as many solves as 300 modes. Two factorisations are
+        enough if D is proportional except for at most 40 columns (belts, dashpots). For a `count`, the eigenvalues are counted in
+        a disc around 0. Counting is the default for a band, and for a `count` up to 200,000 DOF; up to 2,000 DOF it is always
+        done. If damping or gyroscopic forces are too strong for the bound, LAPACK lists all eigenvalues up to 2,000 DOF: 2n, or
+        the number that follows from the ranks of M and D. In larger models inertia alone counts if D is proportional, or skew as
+        in a rotating part. Otherwise no count is possible there, whatever `evidence` asks for: the eigenvalues found by a search
+        are listed, 'not checked', and a warning gives the reason with the number needed. With ``evidence=True`` the search is
+        repeated from other start vectors where eigenvalues are close to each other.
 
     Returns
     -------
     ComplexModes
-        λ, shapes, error bars, and the evidence that none is missing.
+        λ, shapes, error bars, and the evidence that no eigenvalue is missing.
 
     Raises
     ------
     InputError, InputTypeError
-        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues; a band that
-        reaches above the cut-off; a part that friction pushes and nothing holds, unless a band begins above 0.
+        `count` and `band` together, or neither for a sparse model above 2,000 DOF; more than 2n eigenvalues; a band that reaches
+        above the cut-off; a part that friction pushes but no support holds, unless a band begins above 0.
     NotConvergedError, SingularMatrixError, MissedModesError
-        The eigensolver has not converged; no shift makes the pencil regular; the independent count is larger.
+        The eigensolver has not converged; no shift makes the pencil regular; the independent count differs from the number found.
 
     Warns
     -----
@@ -308,7 +313,8 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
 
 def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[float, float] | None = None,
                     evidence: bool | None = None) -> ComplexModes:
-    """`complex_modes` in any band, since a comparison measures what lies above the cut-off, too; 'not checked' then."""
+    """`complex_modes` in a band that may reach above the cut-off, for comparisons; the evidence is 'not checked' then.
+    """
     found = _listed(model, contacts, pencil_of(model, contacts), None, band, None, evidence)
     return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
 
@@ -318,15 +324,16 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
                ) -> Iterator[ComplexModes]:
     """`complex_modes` of a pencil in a band at ascending values of a parameter, counted by one projection.
 
-    It is made from the undamped modes in the middle of the values. (q, T, θ) of `terms` is a term θ(p) λ^q T of the pencil, and
-    no other depends on p. The modes are those of the projection, one of each pair, with bars of what it leaves out, unless these
-    reach the axis. Where the terms are not known (None), or the projection gives no count, a value is solved alone.
+    The projection is made from the undamped modes at the middle of the values. Each (q, T, θ) in `terms` is a term θ(p) λ^q T of
+    the pencil, and no other term depends on p. The modes returned are those of the projection, one of each pair; their error bars
+    bound its truncation error. If a bar reaches the imaginary axis, if the terms are not known (None), or if the projection gives
+    no count, the value is solved alone.
     """
     m, projection, theta = (values[0] + values[-1]) / 2, None, np.zeros((len(values), 0))
     middle = pencil_at(m)
     if terms is None:
         log.info("a contact is not affine in the parameter, so that each value is solved alone")
-    elif middle.is_sparse and middle.size > SMALL:  # LAPACK finds all eigenvalues of others
+    elif middle.is_sparse and middle.size > SMALL:  # of other models LAPACK finds all eigenvalues
         theta = np.array([[of(p) - of(m) for *_, of in terms] for p in values]).reshape(len(values), -1)
         sizes = np.abs(theta).max(axis=0).tolist()
         changes = [Varied(T, q, size) for (q, T, _), size in zip(terms, sizes, strict=True)]
@@ -336,7 +343,7 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
             log.info("no projection for all values of the parameter, so that each is solved alone: %s", error)
     for p, weights in zip(values, theta.tolist(), strict=True):
         pencil = pencil_at(p)
-        if projection is not None:  # in its units; the shapes that one value adds are there for the next
+        if projection is not None:  # in its units; shapes that one value adds to the basis stay for the next value
             projection, pencil = projection.changed(weights), pencil._with(units=middle.units)
             if (rough := _rough(projection, pencil, band)) is not None:
                 yield rough
@@ -345,9 +352,9 @@ def modes_over(pencil_at: Callable[[float], Pencil], values: Sequence[float],
 
 
 def _rough(projection: Projection, pencil: Pencil, band: tuple[float, float]) -> ComplexModes | None:
-    """The modes of a projection whose count in the band is proved; None without a count, or where a bar reaches the axis.
+    """The modes of a projection whose count in the band is proved; None without a count, or if a bar reaches the imaginary axis.
 
-    What it leaves out moves λ by ‖P_LU x‖ ‖zᴴP_UL‖ / c to first order.
+    The shapes outside the basis move λ by at most ‖P_LU x‖ ‖zᴴP_UL‖ / c to first order: these are the error bars.
     """
     count = count_over(projection, (-band[1], band[1], *band))
     small = projection.counted
@@ -370,12 +377,12 @@ def _rough(projection: Projection, pencil: Pencil, band: tuple[float, float]) ->
 def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, count: int | None,
             band: tuple[float, float] | None, re: tuple[float, float] | None, evidence: bool | None,
             projection: Projection | None = None) -> ComplexModes:
-    """The modes of a model, whose pencil with its contacts is given."""
+    """`ComplexModes` of a model from its pencil with contacts, after the arguments of `complex_modes`; warns of poor results."""
     estimate = getattr(model, "estimate", None)
     if band is not None and estimate is not None:
         band = estimate.reaching(check_band(band))
     region = region_of(pencil, count, band, re)
-    at_rest = contacts is not None and (region.box is None or region.box[2] == 0)  # a band above 0 judges elastic modes alone
+    at_rest = contacts is not None and (region.box is None or region.box[2] == 0)  # a band above 0 has elastic modes only
     judged = model if at_rest and isinstance(model, Substructure) else None
     if judged is not None:
         judged.check_held(contacts)
@@ -406,13 +413,16 @@ def _listed(model: Substructure | Pencil, contacts: Contacts, pencil: Pencil, co
 
 
 def _still(found: SearchResult, motion: RigidMotion | None) -> SearchResult:
-    """λ = 0 for rigid motion that friction drives, K z = 0 but zᵀK ≠ 0: LAPACK's are off by rounding, and the nearest to 0."""
+    """The eigenpairs with λ = 0 exactly for rigid motion that friction drives: K z = 0 but zᵀK ≠ 0.
+
+    LAPACK's eigenvalues of this motion are those nearest to 0, with rounding errors. They are replaced by 0 and z.
+    """
     if motion is None or (lacking := motion.zeros - int(np.count_nonzero(found.values == 0))) <= 0:
         return found
     order = np.argsort(np.where(found.values == 0, np.inf, np.abs(found.values)), kind="stable")
     at = order[:min(lacking, np.count_nonzero(found.values))]
     Z, X = np.linalg.qr(motion.shapes)[0], found.X[:, at]
-    at = at[np.linalg.norm(X - Z @ (Z.T @ X), axis=0) < np.linalg.norm(Z.T @ X, axis=0)]  # others are modes of their own
+    at = at[np.linalg.norm(X - Z @ (Z.T @ X), axis=0) < np.linalg.norm(Z.T @ X, axis=0)]  # others are elastic
     if not len(at) or found.values[at].sum().imag:  # a pair would be split
         return found
     values, X, Y = (part.copy() for part in (found.values, found.X, found.Y))
@@ -422,7 +432,7 @@ def _still(found: SearchResult, motion: RigidMotion | None) -> SearchResult:
 
 
 def pencil_of(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
-    """The pencil with contacts linearised."""
+    """The pencil of a model with its contacts linearised; a `LossyPencil` if the model has structural damping."""
     if isinstance(model, Pencil):
         if contacts is not None:
             raise InputError("a Pencil has no ports for contacts. Put the contact into D, or use a Substructure")
@@ -440,7 +450,7 @@ def pencil_of(model: Substructure | Pencil, contacts: Contacts) -> Pencil:
 def with_bars(pencil: Pencil, values: Array, X: Array, Y: Array, known: Array | None = None,
               cutoff: float = np.inf) -> ComplexModes:
     """`ComplexModes` of eigenpairs λ (k,), X (n, k), with error bars from their left vectors Y (n, k), see `bars`."""
-    # C order: a sparse product would copy anything else into that order, each time
+    # C order: a sparse product would copy arrays of any other order, each time
     X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
     backward, bar, condition = bars(pencil, values, X, Y, known)
     rigid = (values == 0) & (bar == 0)

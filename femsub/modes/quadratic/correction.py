@@ -44,7 +44,7 @@ class _Dense:
 
 
 def inverse_at(pencil: Pencil, s: complex, H: Matrix | None = None) -> Inverse:
-    """P(s)⁻¹; with H, that of P(s) + iH, structural damping.
+    """P(s)⁻¹; with structural damping H, (P(s) + iH)⁻¹.
 
     Raises
     ------
@@ -59,8 +59,8 @@ def inverse_at(pencil: Pencil, s: complex, H: Matrix | None = None) -> Inverse:
 
 
 def solver_near(pencil: Pencil, value: complex) -> Inverse | None:
-    """P(λ)⁻¹, or that of a λ beside it, where P(λ) itself is singular; None if both are, as beside rigid motion."""
-    for beside in (0.0, 1e6 * EPS):  # so near that both are one for a correction, and far enough that P is regular
+    """P(λ)⁻¹, or P⁻¹ at a λ beside it if P(λ) is singular; None if both are singular, as beside rigid motion."""
+    for beside in (0.0, 1e6 * EPS):  # so near that corrections are the same, and far enough that P is regular
         try:
             return inverse_at(pencil, complex(value * (1 + beside)))
         except SingularMatrixError:
@@ -79,17 +79,17 @@ def left_slope(pencil: Pencil, value: complex, y: Array) -> Array:
 
 
 def corrected(pencil: Pencil, value: complex, x: Array, y: Array, solver: Inverse) -> tuple[Array, Array]:
-    """Better vectors x and y of unit length."""
+    """x and y (n,) after one step of inverse iteration, of unit length."""
     x, y = solver.solve(slope(pencil, value, x)), solver.solve(left_slope(pencil, value, y).conj(), transposed=True).conj()
-    with np.errstate(all="ignore"):  # what is not finite is the caller's to see; lengths may overflow
+    with np.errstate(all="ignore"):  # lengths may overflow; the caller checks for that
         x, y = x / np.abs(x).max(), y / np.abs(y).max()
         return x / np.linalg.norm(x), y / np.linalg.norm(y)
 
 
 def step(pencil: Pencil, value: complex, x: Array, y: Array) -> complex:
-    """By how much λ is above the root next to it of yᴴP(s)x = 0: yᴴP(λ)x / yᴴP'(λ)x to first order.
+    """λ - s for the root s next to λ of yᴴP(s)x = 0: yᴴP(λ)x / yᴴP'(λ)x to first order.
 
-    The residual is summed entry by entry, and what is left of it decides the last digits.
+    The residual P(λ)x is formed entry by entry, because what remains of it after cancellation decides the last digits.
     """
     residual = pencil.residual(np.array([value]), x[:, None])[:, 0]
     with np.errstate(all="ignore"):
@@ -110,14 +110,15 @@ def left_by_symmetric_factor(pencil: Pencil, value: complex, matrices: tuple[Mat
                              tol: float = EPS**0.85) -> Array | None:
     """A better left vector y of unit length, of a sparse P = P(λ): Pᴴδ = -Pᴴy by GMRES with a factor of S = Re (P + Pᵀ)(s) / 2.
 
-    s has the imaginary part `beside`, somewhere between Im λ and that of the next eigenvalue: friction turns a mode more than it
-    moves its frequency, so that the symmetric part at λ itself would be nearly singular in another direction than x. Of a lightly
-    damped mode S⁻¹P is the unit matrix but for friction and the modes near λ. The nearest, X and Y (n, k) with PᴴY of `others`,
-    are solved apart, and GMRES is preconditioned from the right on the complement of the mode, f = P'x (`along`) and g = P'ᴴy:
+    s has the imaginary part `beside`, somewhere between Im λ and that of the next eigenvalue: friction turns the shape of a mode
+    more than it changes its frequency, so that the symmetric part at λ itself would be nearly singular in another direction than
+    x. For a lightly damped mode S⁻¹P is the unit matrix except for friction and the modes near λ. The nearest modes, X and Y (n,
+    k) with PᴴY in `others`, are solved separately. GMRES is preconditioned from the right on the complement of the mode, with
+    f = P'x (`along`) and g = P'ᴴy:
 
         δ = (1 - y fᴴ / fᴴy) (S⁻¹(r - PᴴYc) + Yc),   c = (XᴴPᴴY)⁻¹Xᴴr   of   (1 - g xᴴ / xᴴg) r,   fᴴδ = 0.
 
-    The symmetric factor takes a tenth of the time of a complex one. The part of Pᴴy along g shows an error of λ, not one of y.
+    The symmetric factor takes a tenth of the time of a complex one. The part of Pᴴy along g shows an error of λ, not of y.
     `matrices` are P and Pᵀ, by rows. None if the residual is not below `tol` times its terms after so many `steps`.
     """
     from scipy.sparse.linalg import LinearOperator, gmres
@@ -163,14 +164,14 @@ def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[
     value, x, y : complex and ndarray, shape (n,)
         A real λ stays real.
     others : (λᵢ, xᵢ, yᵢ), shapes (k,), (n, k) and (n, k), optional
-        Eigenpairs that it must not become: yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is kept up while steps are
-        large.
+        Eigenpairs to which the iteration must not converge. yᵢᴴ((λ + λᵢ)M + D)x = 0 holds between two eigenpairs, and is enforced
+        while steps are large.
     steps : int
-        Each takes a factor of P. Three double a few digits to all of them; the others serve a start that is far off.
+        The largest number of steps. Each factorises P. Three steps bring a few correct digits to all; a poor start takes more.
     """
     real, before, settled = np.imag(value) == 0, np.inf, False
     for _ in range(steps):
-        if before <= SPLIT * abs(value):  # from here on it comes to none of the others, and the rounding in them would stay in it
+        if before <= SPLIT * abs(value):  # now it cannot become one of the others, and their rounding would stay in it
             others = None
         x, y = _without(pencil, value, x, y, others)
         solver = solver_near(pencil, value)
@@ -183,7 +184,7 @@ def converged(pencil: Pencil, value: complex, x: Array, y: Array, others: tuple[
         if not np.isfinite(value):
             return None
         settled = bool(is_rounding(pencil, np.array([value]), x[:, None], y[:, None])[0])
-        # this step is rounding, or the next one would be, as the square of this one, or none will be smaller
+        # this step is rounding; or the next step would be, as the square of this one; or steps no longer shrink
         if abs(off) <= 4 * EPS * abs(value) or (settled and (abs(off) <= EQUAL * abs(value) or abs(off) > before / 2)):
             break
         before = abs(off)

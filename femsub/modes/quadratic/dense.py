@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ModalForm:
-    """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; the first `rigid` have KΦ = 0.
+    """A dense pencil in its undamped modes: Φ (n, n), Ω > 0 (n,), H = ΦᵀKΦ, C = ΦᵀDΦ; KΦ = 0 for the first `rigid`.
 
     H is None if K is symmetric: then it is diag(±Ω²), with `sign`.
     """
@@ -60,7 +60,7 @@ class ModalForm:
         return A
 
     def resisted(self, A: Array, M: Array) -> ModalForm:
-        """The form with those rigid motions among the elastic modes on which A acts, as a loss against a fixed point does."""
+        """The form in which rigid motions on which A acts are elastic modes; A may be a loss against a fixed point."""
         r = self.rigid
         turn, free = undamped(A, self.shapes[:, :r], units(M))
         if len(free) == r:
@@ -81,9 +81,9 @@ class ModalForm:
         """Re λ = -b̄ᵀCb / (2 b̄ᵀb) for the complex λ of definite K and symmetric C, states (a, b) of shape (2n - rigid, k).
 
         It follows from q̄ᵀP(λ)q = 0 with real coefficients, whose two roots are λ and its conjugate. It is accurate even if Re λ
-        is smaller than the rounding of λ, as for the low modes of a large model with a single dashpot. Where the roots are
-        real, rounding has split equal real λ, and -b̄ᵀCb / (2 b̄ᵀb) is the mean of two others: these λ are kept.
-        `lost` is b̄ᵀCb, if it is known better.
+        is smaller than the rounding of λ, as for the low modes of a large model with a single dashpot. If the roots are real,
+        rounding has turned two equal real λ into a pair, and -b̄ᵀCb / (2 b̄ᵀb) is the mean of two other roots: these λ are not
+        changed. `lost` is b̄ᵀCb, if it is known more accurately.
         """
         a, b = np.split(states, [len(self.omega) - self.rigid])
         potential, kinetic = (np.linalg.norm(part, axis=0) for part in (a, b))
@@ -133,7 +133,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             except la.LinAlgError:
                 return None
         omega = np.sqrt(np.abs(values))
-        omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where it differs from the frequency it is only a scaling
+        omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where this is not the frequency, it is only a scaling
         H = None
         if not symmetric or (omega[rigid:] ** 2 > np.abs(values[rigid:]) * (1 + 1e-12)).any():
             H = shapes.T @ (K @ shapes)
@@ -145,7 +145,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
             shapes = np.hstack([z, shapes[:, rigid:]])
         C = shapes.T @ (D @ shapes)
         if is_symmetric(D):
-            C = (C + C.T) / 2  # to the last digit: left vectors are then conjugate right ones, and energy gives Re λ
+            C = (C + C.T) / 2  # symmetric to the last digit: then left vectors are conjugate right ones
             C[free] = 0.0
         C[:, free] = 0.0
     return ModalForm(shapes, omega, np.sign(values), H, C, rigid)
@@ -228,10 +228,10 @@ def _rigid(K: Array, M: Array, values: Array, shapes: Array, low: Array) -> tupl
 
 
 def blurred(pencil: Pencil, X: Array) -> tuple[Array, float]:
-    """Which shapes (n, k) have an elastic energy within the rounding of K's entries, where these show more than eps; and that."""
-    K = pencil.K0  # its skew part takes no part in the energy
+    """Which shapes (n, k) have an elastic energy within the rounding of K's entries, and this rounding; none if it is eps."""
+    K = pencil.K0  # the skew part has no energy
     unit = rounding(K)
-    if unit <= EPS:  # none, and no product with K, which takes a second of 83,000 DOF
+    if unit <= EPS:  # saves a product with K, which takes a second with 83,000 DOF
         return np.zeros(X.shape[1], dtype=bool), unit
     return np.abs(costs(K, X)[1]) <= unit, unit
 
@@ -269,17 +269,17 @@ def carries(pencil: Pencil) -> bool:
 
 
 def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | None = None) -> tuple[Array, Array, Array]:
-    """The same eigenpairs, but λ = 0 only where Kx = 0 within rounding, or x is of the `rigid` motions, M-orthonormal (n, r).
+    """The eigenpairs, with corrections of those that rounding has put falsely at λ = 0 or near it.
 
-    Rounding has put others there, or near.
+    λ = 0 is true only if Kx = 0 within rounding, or if x is one of the `rigid` motions, M-orthonormal (n, r).
 
-    Beside a damping 1e17 times larger, -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, which solves
-    nothing. -k/d is the root next to 0 of λ²yᴴMx + λyᴴDx + yᴴKx, and `converged` goes on from there.
+    Beside a damping that is 1e17 times larger, λ = -k/d is lost: LAPACK's λ is then 0, or any number within its rounding, and no
+    eigenvalue. -k/d is the root next to 0 of λ²yᴴMx + λyᴴDx + yᴴKx, from which `converged` starts.
     """
     noise = (values != 0) & (np.abs(values) <= len(values) * EPS * np.abs(values).max(initial=0.0))
     noise[noise] = ~(pencil.backward_error(values[noise], X[:, noise]) <= EQUAL)
     at = np.flatnonzero(noise | (values == 0))
-    if not len(at) or carries(pencil):  # K may hold nothing of these coordinates but rounding
+    if not len(at) or carries(pencil):  # K may have nothing but rounding in these coordinates
         return values, X, Y
     lost = ~(np.isfinite(X[:, at]).all(axis=0) & np.isfinite(Y[:, at]).all(axis=0))  # LAPACK's vectors of such a λ may overflow
     if lost.any():
@@ -296,13 +296,13 @@ def _lifted(pencil: Pencil, values: Array, X: Array, Y: Array, rigid: Array | No
         found = converged(pencil, -step(pencil, 0.0, x, y).real, x, y)
         if found is None or not found[0] or costs(pencil.K, found[1][:, None])[0] <= ROUNDING:
             continue
-        if (np.abs(np.delete(values, i) - found[0]) > SPLIT * abs(found[0])).all():  # and not one that is listed
+        if (np.abs(np.delete(values, i) - found[0]) > SPLIT * abs(found[0])).all():  # and none that is listed
             values[i], X[:, i], Y[:, i] = found if np.iscomplexobj(X) else (part.real for part in found)  # P is real there
     return values, X, Y
 
 
 def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
-    """By LAPACK on the state matrix of the modal form."""
+    """λ, X and Y by LAPACK on the state matrix of the modal form."""
     r = form.rigid
     plain = form.H is None and is_symmetric(form.C)
     state = form.state()

@@ -1,4 +1,4 @@
-"""A basis that is orthonormal in an energy, and a proof of what a quadratic pencil has outside it.
+"""A basis that is orthonormal in an energy, and a bound of the part of a quadratic pencil outside it, which proves counts.
 
 Let A (n, n) be symmetric positive definite, V (n, m) with VᵀAV = I, and
 
@@ -14,12 +14,12 @@ then ‖P_L⁻¹‖ ≤ 1/c, and P(s) is singular only if P_U - P_UL P_L⁻¹ P_
 
     ‖P_LU P_U⁻¹ P_UL‖ < c                                               (`Coupling.margin`)
 
-excludes s. If that holds on a closed curve in the region, P has as many eigenvalues inside as P_U = VᵀPV: none crosses the curve
-while the coupling grows from 0 to its value (Rouché), and L alone has none. c follows from a range of xᴴT_ix / xᴴAx in L for each
-term. Where all ranges are proved, so is the count.
+shows that s is no eigenvalue. If that holds on a closed curve in the region, P has as many eigenvalues inside as P_U = VᵀPV: no
+eigenvalue crosses the curve while the coupling grows from 0 to its value (Rouché), and P_L alone has none inside. c follows from
+a range of xᴴT_ix / xᴴAx in L for each term. If all ranges are proved, the count is proved.
 
-With P_U⁻¹ = Σ_k x_k z_kᴴ / (λ_k - s), the norm is at most Σ_k ‖P_LU x_k‖ ‖z_kᴴP_UL‖ / |λ_k - s|. Lengths of images in L
-follow from the Gram matrix of all A⁻¹T_iV outside V, which is small.
+With P_U⁻¹ = Σ_k x_k z_kᴴ / (λ_k - s), the norm is at most Σ_k ‖P_LU x_k‖ ‖z_kᴴP_UL‖ / |λ_k - s|. Lengths of images in L follow
+from the Gram matrix of all A⁻¹T_iV outside V, which is a small matrix.
 
 References: A. T. Patera, G. Rozza, Reduced Basis Approximation and A Posteriori Error Estimation (2007), ch. 4 (coercivity
 constant, dual norms of residuals); F. Tisseur, Linear Algebra Appl. 309 (2000) 339 (left vectors).
@@ -43,42 +43,42 @@ from femsub.modes.normal_modes import ACCEPTED
 from femsub.modes.quadratic.region import Contour
 
 SAFE = 0.9  # required margin on a contour; the theorem needs 1
-AWAY = 1.3  # σ in units of the largest |λ|: P_U is regular there, as it need not be at 0
-RIGHT = 1e-6  # largest error of the sum over eigenpairs, as the inverse of P_U
+AWAY = 1.3  # shift σ in units of the largest |λ|: P_U is regular there, but may be singular at 0
+RIGHT = 1e-6  # largest accepted error of the sum over eigenpairs as the inverse of P_U
 WIDER = 40  # residuals of each kind that enrich the basis at a time
-PIECES = 20_000  # of a contour at most
-BATCH = 512  # of these are looked at together
+PIECES = 20_000  # largest number of pieces of a contour
+BATCH = 512  # pieces that are evaluated together
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
 
-Weights = tuple[complex, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²; c_0 of a symmetric T alone may be complex
+Weights = tuple[complex, float, float]  #: c_0, c_1, c_2 of c_0 + c_1 s + c_2 s²; c_0 may be complex if T is symmetric
 
 
 @dataclass(frozen=True)
 class Term:
-    """T with its weight in P(s), and the range of xᴴTx / xᴴAx outside the basis; of a skew T that of its imaginary part."""
+    """T with its weight in P(s), and the range of xᴴTx / xᴴAx outside the basis, for a skew T of its imaginary part."""
 
     matrix: Matrix
     weights: Weights
     sign: float = 1.0  #: Tᵀ = sign T
     range: tuple[float, float] = (-np.inf, np.inf)
     modal: bool = False  #: whether A⁻¹T maps the modes of `EnergyBasis.add` into the basis, as a proportional damping does
-    spanned: bool = False  #: whether A⁻¹T maps into the basis, as that of few columns that have joined it; its range is 0 then
+    spanned: bool = False  #: whether A⁻¹T maps into the basis, as after its few columns have joined it; its range is 0 then
 
     @cached_property
     def rows(self) -> Array | slice:
-        """The rows that are not 0, where they are few, as those of a contact."""
+        """The nonzero rows if they are few, as for a contact; else all rows."""
         found = np.flatnonzero(np.diff(self.matrix.indptr)) if hasattr(self.matrix, "indptr") else slice(None)
         return found if not isinstance(found, slice) and 3 * len(found) < self.matrix.shape[0] else slice(None)
 
     @cached_property
     def acting(self) -> Matrix:
-        """These rows of the matrix."""
+        """The matrix in these `rows`."""
         return self.matrix if isinstance(self.rows, slice) else self.matrix[self.rows]
 
     def image(self, x: Array) -> Array:
-        """Tx in these rows."""
+        """Tx in these `rows`."""
         return times(self.acting, x)
 
     def weight(self, s: Array) -> Array:
@@ -96,7 +96,7 @@ class Term:
         return float(np.abs(self.weights) @ [1.0, size, size**2])
 
     def least(self, re: tuple[float, float], top: float) -> float:
-        """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for Re s in `re`, which holds 0, and |Im s| ≤ top."""
+        """A lower bound of Re w(s) xᴴTx / xᴴAx outside the basis, for Re s in `re`, which contains 0, and |Im s| ≤ top."""
         constant, linear, square = self.weights[0].real, *self.weights[1:]
         side = max(-re[0], re[1])
         if self.sign > 0:
@@ -109,12 +109,12 @@ class Term:
 
 
 def terms_of(matrix: Matrix, weights: Weights) -> list[Term]:
-    """The symmetric and the skew half of a matrix, as far as they are not 0."""
+    """The symmetric and the skew half of a matrix as terms; halves that are 0 are left out."""
     return [Term(half, weights, sign) for half, sign in zip(halves(matrix), (1.0, -1.0), strict=True) if abs(half).max()]
 
 
 class EnergyBasis:
-    """V with VᵀAV = I, VᵀT_iV, and the products of what the terms' images have outside V; see the module's text.
+    """V with VᵀAV = I, VᵀT_iV, and the products of all A⁻¹T_iV outside V; see the module's docstring.
 
     Parameters
     ----------
@@ -124,13 +124,14 @@ class EnergyBasis:
     size : int
         n.
     kept : bool
-        Whether A⁻¹T_iV outside V is kept in single precision, up to p/2 times the size of V. Then `residuals` need no solve.
+        Whether the part of A⁻¹T_iV outside V is kept in single precision, which takes up to p/2 times the memory of V. Then
+        `residuals` need no solve.
 
     Attributes
     ----------
     V : ndarray, shape (n, m)
     energy : ndarray, shape (m, m)
-        VᵀAV: the unit matrix but for rounding.
+        VᵀAV: the unit matrix up to rounding.
     inside : ndarray, shape (p, m, m)
         VᵀT_iV.
     """
@@ -138,8 +139,8 @@ class EnergyBasis:
     def __init__(self, product: Callable[[Array], Array], solve: Callable[[Array], Array], terms: Sequence[Term], size: int,
                  kept: bool = False) -> None:
         self.kept = kept
-        self._outside: list[tuple[int, slice, float, Array]] = []  # of a term: the columns of V, a unit, A⁻¹T times these by it
-        self._seen = np.zeros(0, dtype=int)  # columns that V had when these were made: outside of those
+        self._outside: list[tuple[int, slice, float, Array]] = []  # term, columns of V, unit, A⁻¹T times these columns / unit
+        self._seen = np.zeros(0, dtype=int)  # columns of V when these were made, and outside of which they lie
         self.product, self.solve, self.terms = product, solve, list(terms)
         p = len(self.terms)
         self.V, self.energy, self.inside = np.zeros((size, 0)), np.zeros((0, 0)), np.zeros((p, 0, 0))
@@ -153,9 +154,9 @@ class EnergyBasis:
         return int(self.V.shape[1])
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
-        """Append directions (n, k), made orthonormal, and return whether there were any.
+        """Append directions (n, k), made orthonormal; return whether V has grown.
 
-        With `modes` they span eigenvectors of A and the first term's matrix; with `unit` they are orthonormal.
+        With `modes` the directions span eigenvectors of A and the first term's matrix. With `unit` they are orthonormal already.
         """
         m = self.size
         for at in few_at_a_time(new.shape[1], m + new.shape[1]):
@@ -187,7 +188,7 @@ class EnergyBasis:
         self._known = np.hstack([self._known, known])
 
     def at(self, weights: Sequence[Weights]) -> Self:
-        """The same basis for a pencil whose terms have other weights; what is added to either is not in the other."""
+        """The same basis for a pencil whose terms have other weights; directions added to one of the two are not in the other."""
         found = copy(self)
         found.terms = [term if term.weights == given else replace(term, weights=given)
                        for term, given in zip(self.terms, weights, strict=True)]
@@ -195,9 +196,9 @@ class EnergyBasis:
 
     @property
     def lost(self) -> Array:
-        """Products of what A⁻¹T_iv_a and A⁻¹T_jv_b have outside V, in the norm of A, shape (p, m, p, m).
+        """Products of the parts of A⁻¹T_iv_a and A⁻¹T_jv_b outside V, in the norm of A, shape (p, m, p, m).
 
-        Taken before V is subtracted, differences of squares would lose digits.
+        The parts in V are subtracted before the products are taken: differences of squares would lose digits.
         """
         p, m, old = len(self.terms), self.size, self._lost.shape[1]
         if old == m:
@@ -206,10 +207,10 @@ class EnergyBasis:
         grown = self.inside[:, old:, :old]
         for i, j in np.ndindex(p, p):
             lost[i, :old, j, :old] = self._lost[i, :, j] - grown[i].T @ grown[j]
-        self._lost = lost  # not both of them
-        inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # of the squares of all images
+        self._lost = lost  # frees the old array
+        inside = np.einsum("aij,aij->aj", self.inside, self.inside)  # squares of all images; here their parts in V
         inside[:, :old] = self._whole
-        step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns are beside V
+        step = max(1, BLOCK // max(p, 1))  # two processes share the solves, and few columns take memory beside V
         for start in range(old, m, step):
             at = slice(start, min(start + step, m))
             k, sought = at.stop - start, [i for i in range(p) if not self._known[i, at].all()]
@@ -245,20 +246,20 @@ class EnergyBasis:
 
     @property
     def noise(self) -> Array:
-        """What rounding, or the residuals of modes, may add to the squares on the diagonal of `lost`, (p, m); `lost` first.
+        """Bounds (p, m) of the errors in the diagonal of `lost`, from rounding or residuals of modes; evaluate `lost` first.
 
-        Where V is orthonormal to fewer digits, squares of images in V are known to no more.
+        If V is orthonormal to fewer digits, squares of images in V have no more correct digits.
         """
         off = float(np.linalg.norm(self.energy - np.eye(self.size)))
         return np.where(self._known, ACCEPTED**2, max(16 * EPS, off)) * self._whole
 
     def coercivity(self, re: tuple[float, float], top: float) -> float:
-        """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, Re s in `re`, which holds 0, and |Im s| ≤ top."""
+        """c with Re xᴴP(s)x ≥ c xᴴAx for all x outside V, Re s in `re`, which contains 0, and |Im s| ≤ top."""
         return 1 + sum(term.least(re, top) for term in self.terms)
 
     @property
     def matrices(self) -> Array:
-        """K, D and M of P_U = K + sD + s²M, shape (3, m, m), symmetric where those of P are."""
+        """K, D and M of P_U = K + sD + s²M, shape (3, m, m), symmetric if those of P are."""
         found = np.einsum("ik,iab->kab", np.reshape([term.weights for term in self.terms], (-1, 3)), self.inside)
         found[0] += self.energy
         return found
@@ -278,7 +279,7 @@ class EnergyBasis:
         return found
 
     def forces(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """(P(s) - A)Vx column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""
+        """(P(s) - A)Vx, or with Pᴴ if `adjoint`, each column with its own s; real and imaginary parts alternate, (n, 2k)."""
         moved = self.V @ np.ascontiguousarray(x).view(float)
         found = np.zeros((len(moved), x.shape[1]), dtype=complex)
         for term in self.terms:
@@ -287,15 +288,16 @@ class EnergyBasis:
         return found.view(float)
 
     def coefficients(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """C (p, m, 2k): P(s)Vx - AVx = Σ T_iVC_i column by column, or of Pᴴ, real and imaginary parts by turns."""
+        """C (p, m, 2k) with (P(s) - A)Vx = Σ T_iVC_i, or with Pᴴ if `adjoint`; real and imaginary parts alternate."""
         weights = [term.weight(s) for term in self.terms]
         return np.stack([np.ascontiguousarray(x * (term.sign * weight.conj() if adjoint else weight)).view(float)
                          for term, weight in zip(self.terms, weights, strict=True)])
 
     def join(self, residuals: Sequence[Array], least: float) -> bool:
-        """Let V grow by the directions of residuals whose squares in the norm of A exceed `least`; return whether there were any.
+        """Extend V by combinations of residuals whose squares in the norm of A exceed `least`; return whether V has grown.
 
-        Each is given by its C (p, m, l) of `coefficients`. `lost` has the products of all, so that no other one takes a solve.
+        Residuals are given by their `coefficients` C (p, m, l). Their products follow from `lost`, so only chosen directions take
+        solves.
         """
         C, rows = np.concatenate(residuals, axis=2), len(self.terms) * self.size
         if not C.size:
@@ -311,14 +313,15 @@ class EnergyBasis:
         return self.add(R)
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """A⁻¹P(s)Vx outside V column by column, or of Pᴴ: real and imaginary parts by turns, (n, 2k)."""
+        """The part of A⁻¹P(s)Vx outside V, or with Pᴴ if `adjoint`; real and imaginary parts of columns alternate, (n, 2k).
+        """
         if not self.kept:
             loads = self.forces(s, x, adjoint)
             return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))
         return self._outside_of(self.coefficients(s, x, adjoint))
 
     def _outside_of(self, C: Array) -> Array:
-        """Σ A⁻¹T_iVC_i outside V, (n, l)."""
+        """The part of Σ A⁻¹T_iVC_i outside V, (n, l)."""
         if not self.kept:
             loads = np.zeros((len(self.V), C.shape[2]))
             for i, own in enumerate(C):
@@ -332,15 +335,15 @@ class EnergyBasis:
         total = np.zeros((len(self.V), C.shape[2]), dtype=np.float32)
         for i, at, size, block in self._outside:
             total += block @ (C[i, at] * (size / unit)).astype(np.float32)
-        later = np.arange(self.size)[:, None] >= self._seen  # columns of V that have come since
+        later = np.arange(self.size)[:, None] >= self._seen  # columns of V that were added since
         within = sum(np.where(later, own, 0.0) @ given for own, given in zip(self.inside, C, strict=True))
         return np.asarray(unit * total.astype(float) - self.V @ within)
 
 
 class Coupling:
-    """The eigenpairs of P_U = VᵀP(s)V and their coupling with what lies outside V; see `energy_basis`.
+    """The eigenpairs of P_U = VᵀP(s)V and their coupling with the complement of V; see `energy_basis`.
 
-    P_U⁻¹ = Σ x_k z_kᴴ ν_k / (1 - tν_k) with ν = 1/(λ - σ) and t = s - σ, which has room for infinite λ: ν = 0.
+    P_U⁻¹ = Σ x_k z_kᴴ ν_k / (1 - tν_k) with ν = 1/(λ - σ) and t = s - σ, which allows infinite λ: ν = 0.
 
     Parameters
     ----------
@@ -360,9 +363,9 @@ class Coupling:
 
     @classmethod
     def of(cls, basis: EnergyBasis, unit: float) -> Coupling:
-        """By LAPACK on the companion form of P_U shifted to 1.3 times the largest |λ|, in coordinates in which A + |s|²M is I.
+        """By LAPACK on the companion form of P_U, shifted to σ = 1.3 times the largest |λ|, in coordinates with A + |s|²M = I.
 
-        There rigid motion does not swamp the rest.
+        In these coordinates rigid motion does not swamp all other motion.
         """
         (shift, nu, x, z), inner, scaled = eigenpairs(basis.matrices, unit)
         found = cls(basis, shift, nu, x, z, unit)
@@ -371,12 +374,12 @@ class Coupling:
 
     @cached_property
     def wrong(self) -> float:
-        """The largest entry of P_U times the sum for its inverse, less I, at some s: LAPACK's own rounding."""
+        """The largest entry of SP_U - I at some s, where the sum S stands for P_U⁻¹: LAPACK's own rounding."""
         return _wrong(tuple(self.basis.matrices), self.x, self.z, self)
 
     @cached_property
     def each(self) -> Array:
-        """All λ in the order of their vectors; infinite ones are so or NaN."""
+        """All λ in the order of their vectors; infinite λ are inf or NaN."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return self.shift + 1 / self.nu
 
@@ -391,10 +394,10 @@ class Coupling:
         return self._products(self.x), self._products(self.z)
 
     def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
-        """‖P_LU P_U⁻¹ P_UL‖ / c, bounded on pieces that cover the contour; and directions that lower it if it is not safe.
+        """Upper bound of ‖P_LU P_U⁻¹ P_UL‖ / c on the contour, by pieces; and directions that lower it if it is not below `SAFE`.
 
-        Eigenpairs far from the contour (`near`) count together, by the norms of their images: there are many, and each has a
-        small share. Each near one counts by its residual.
+        Eigenpairs far from the contour (see `near`) are bounded together by the norms of their images: they are many, and each
+        has a small share. Each eigenpair near the contour is bounded by its residual.
         """
         at, far, wide = self.near_and_far(contour, c)
         products = self._products(self.x[:, at]), self._products(self.z[:, at])
@@ -421,34 +424,35 @@ class Coupling:
         both = 1 + any(term.sign < 0 for term in self.basis.terms)
         new = [self.basis.solve(self.basis.image(i, x)) for i, x in wide[:both]] if far > SAFE / 2 else []
         order = np.argsort(-most)[:int(np.count_nonzero(most > 0.2 * SAFE / max(1, len(at))))]
-        order = order[self.nu[at[order]].imag <= 0][:WIDER]  # of a pair one is enough
+        order = order[self.nu[at[order]].imag <= 0][:WIDER]  # one of a conjugate pair is enough
         if len(order):
             s = where[order]
             new += [self.basis.residuals(s, x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
         return far + worst, new
 
     def near(self, contour: Contour, away: float = 0.1) -> tuple[Array, Array]:
-        """Whether each eigenpair comes within `away` of the contour, to be looked at by itself; and min |s - λ| / |λ - σ|."""
+        """Which eigenpairs come within `away` of the contour and must be bounded one by one; and min |s - λ| / |λ - σ|."""
         s, reach = discs_on(contour, *pieces(BATCH))
         distance = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
         return distance <= away, distance
 
     def near_and_far(self, contour: Contour, c: float) -> tuple[Array, float, list[tuple[int, Array]]]:
-        """The eigenpairs near the contour, and what `_far` returns of the others."""
+        """The indices of eigenpairs near the contour, and the result of `_far` for the others."""
         near, distance = self.near(contour)
         return np.flatnonzero(near), *self._far(contour, c, np.flatnonzero(~near), distance[~near])
 
     def _far(self, contour: Contour, c: float, at: Array, near: Array) -> tuple[float, list[tuple[int, Array]]]:
-        """The share of the eigenpairs `at`, |1 - tν| ≥ near on the contour; for P_LU and P_UL the term with most, and directions.
+        """Bound of the share of the eigenpairs `at`; and for P_LU and P_UL the term with the largest part, and its directions.
 
-        Σ |weight| ‖image of X‖ bounds ‖P_LU X‖. Conjugates have the same weights, so real and imaginary parts stand for them.
+        On the contour |1 - tν| ≥ near. Σ |weight| ‖image of X‖ bounds ‖P_LU X‖. Conjugates have the same weights, so real and
+        imaginary parts stand for them.
         """
         scale, bound, found = np.sqrt(np.abs(self.nu[at]) / near), 1 / c, []
         if not len(at):
             return 0.0, []
         for x in (self.x[:, at] * scale, self.z[:, at] * scale):
             real = np.where(self.nu[at].imag >= 0, x.real, x.imag) * np.where(self.nu[at].imag, np.sqrt(2), 1.0)
-            root: Array = np.asarray(np.linalg.qr(real.T, mode="r"))  # with no more rows than U has coordinates, and the same XXᵀ
+            root: Array = np.asarray(np.linalg.qr(real.T, mode="r"))  # the same XXᵀ, with at most m rows
             grams, last = [root @ (self.lost[i, :, i] @ root.T) for i in range(len(self.basis.terms))], len(root) - 1
             lengths = []
             for i, (term, gram) in enumerate(zip(self.basis.terms, grams, strict=True)):
@@ -462,7 +466,7 @@ class Coupling:
         return bound, found
 
     def _products(self, x: Array) -> Array:
-        """Products of the terms' images of each x (m, k) outside V, shape (k, p, p)."""
+        """For each column of x (m, k) the products of its images by the terms, outside V, shape (k, p, p)."""
         p, (m, k) = len(self.basis.terms), x.shape
         real, products = np.ascontiguousarray(x, dtype=complex).view(float), np.zeros((k, p, p), dtype=complex)
         for a in range(p):
@@ -474,7 +478,7 @@ class Coupling:
         return products
 
     def _lengths(self, s: Array, reach: Array, products: tuple[Array, Array]) -> list[Array]:
-        """Bounds of ‖P_LU x_k‖ and ‖z_kᴴP_UL‖ for |s' - s| ≤ reach (l, 1), of x and z with these products, (l, k)."""
+        """Bounds (l, k) of ‖P_LU x_k‖ and ‖z_kᴴP_UL‖ for |s' - s| ≤ reach (l, 1), of x and z with these `_products`."""
         terms, found = self.basis.terms, []
         weights = np.stack([term.weight(s) for term in terms], axis=1)
         changes = np.hstack([term.change(s[:, None], reach) for term in terms])
@@ -508,9 +512,9 @@ class Coupling:
 
 
 def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array, Array], tuple[Array, ...], tuple[Array, Array]]:
-    """σ, ν = 1/(λ - σ) (2m,), X and Z (m, 2m) of K + sD + s²M, matrices (3, m, m), see `Coupling`; matrices and vectors inside.
+    """σ, ν = 1/(λ - σ) (2m,), X and Z (m, 2m) of K + sD + s²M, see `Coupling`; K, D, M and X, Z in inner coordinates.
 
-    These are in coordinates in which I + unit²M is I.
+    `matrices` are K, D and M (3, m, m). In the inner coordinates I + unit²M is the unit matrix.
     """
     m = len(matrices[0])
     K, D, M = matrices
@@ -520,15 +524,15 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
         shift = AWAY * unit
         P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
         companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
-        nu, right = np.linalg.eig(companion)  # SciPy's holds the lock of Python
+        nu, right = np.linalg.eig(companion)  # SciPy's eig holds the lock of Python
         nu = nu.astype(complex)
-        # LAPACK's own left vectors do not belong together where λ is multiple. Real and imaginary parts span what pairs do
+        # for multiple λ LAPACK's own left vectors are not dual to the right ones. Real and imaginary parts span the same space
         first = np.flatnonzero(nu.imag > 0)
         real = right.real.copy()
         real[:, first + 1] = right[:, first].imag
         left = np.linalg.inv(real)[:, :m].T.astype(complex)
         left[:, first], left[:, first + 1] = ((left[:, first] + sign * 1j * left[:, first + 1]) / 2 for sign in (1, -1))
-        x, z = right[m:].astype(complex), np.linalg.solve(P.T, left) * unit  # LAPACK's are real where all λ are
+        x, z = right[m:].astype(complex), np.linalg.solve(P.T, left) * unit  # LAPACK's are real if all λ are
         even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
         x, z = x * even, z / even
         return (shift, nu / unit, T @ x, T @ z), (K, D, M), (x, z)
@@ -547,24 +551,24 @@ def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> fl
 
 
 def few_at_a_time(columns: int, size: int) -> list[slice]:
-    """Slices of so many columns: each takes little memory beside a basis of that size."""
+    """Slices of this number of columns, each of which takes little memory beside a basis of `size` columns."""
     step = min(BLOCK, max(BLOCK // 4, size // 8))
     return [slice(at, min(at + step, columns)) for at in range(0, columns, step)]
 
 
 def pieces(number: int) -> tuple[Array, Array]:
-    """Begins and ends of so many equal pieces of a contour, 0 to 1."""
+    """Starts and ends of `number` equal pieces of a contour, from 0 to 1."""
     ends = np.linspace(0.0, 1.0, number + 1)
     return ends[:-1], ends[1:]
 
 
 def of_pieces(of_one: Callable[..., Array], *columns: Array) -> Array:
-    """What a function finds of each piece, stacked, by threads."""
+    """The results of a function for each piece, stacked, by threads."""
     return np.array(each_of(of_one, *columns))
 
 
 def each_of(of_one: Callable[..., T], *columns: Any) -> list[T]:
-    """What a function finds of each, by threads."""
+    """The results of a function for each set of arguments, by threads."""
     return list(by_threads(of_one, *columns))
 
 

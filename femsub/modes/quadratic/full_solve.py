@@ -1,4 +1,4 @@
-"""A⁻¹B of the full model, where A is K and a small addition: by a factor of the whole, or by the factors of a system's parts."""
+"""A⁻¹B of the full model with A = K + S, S small, by a factor of the whole model or by the factors of a system's parts."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-SOFT = 1e-3  # stiffness added to each DOF between the parts, relative to its own: holds what floats. With less, rounding in rigid
-# motion decides the solutions; modes far below this lose digits with more
-STATIC = 1e-9  # ‖K_ii Ψ + K_ib‖, relative to its terms, up to which columns of a basis are constraint modes
+# Stiffness added to each DOF between the parts, relative to its own: it holds a floating system. If it is smaller, rounding in
+# rigid motion dominates the solutions. If it is larger, modes far below it lose digits
+SOFT = 1e-3
+STATIC = 1e-9  # ‖K_ii Ψ + K_ib‖, relative to its terms, up to which basis columns count as constraint modes
 
 
 class ByWhole:
-    """A = K - σM by a factor of the whole, and S = -σM; K may hold the stiffness of contacts. `whole` says why."""
+    """A = K - σM by a factor of the whole model, S = -σM. K may include contact stiffness. `whole` is the reason for this way."""
 
     def __init__(self, K: Matrix, M: Matrix, why: str) -> None:
         handle = ShiftInvert(K, M)
@@ -39,16 +40,17 @@ class ByWhole:
         return self._handle.factor.solve(B)
 
     def terms(self, M: Matrix) -> list[Term]:
-        """s²M - S, what is in P(s) beside A, damping and contacts."""
+        """s²M - S: the terms of P(s) beside A, damping and contacts."""
         return [Term(M, (self._handle.sigma, 0.0, 1.0))]
 
 
 class ByParts:
     """A = K + S, S = E diag(s) Eᵀ, E the DOF b between the parts, by the factors of the parts with their interfaces held:
 
-        A⁻¹ = Σ_p K_ii,p⁻¹ + T S_b⁻¹ Tᵀ,   T = [I; Ψ],   S_b = K_bb + K_bi Ψ + diag(s),   Ψ = -K_ii⁻¹ K_ib,
+        A⁻¹ = Σ_p K_ii,p⁻¹ + T S_b⁻¹ Tᵀ,   T = [I; Ψ],   S_b = K_bb + K_bi Ψ + diag(s),   Ψ = -K_ii⁻¹ K_ib.
 
-    which is block elimination. Reductions by Craig-Bampton and Hurty have made the factors and Ψ. S_b (n_b, n_b) is dense.
+    This is block elimination. Reductions by Craig-Bampton and Hurty have already computed the factors and Ψ. S_b (n_b, n_b) is
+    dense.
 
     References
     ----------
@@ -65,7 +67,7 @@ class ByParts:
         self.factorisations = sum(handle.factorisations for handle in handles.values())
         if loose := [name for name, handle in handles.items() if handle.floating]:
             raise SingularMatrixError(f"the interface does not hold {loose[0]!r}")
-        places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # each is a coordinate
+        places = {name: L[at.start + full.parts[name].interior].indices for name, at in own.items()}  # one entry per row
         self._b = np.setdiff1d(np.arange(full.size), np.concatenate(list(places.values())))
         condensed = full.K[self._b][:, self._b]
         condensed = condensed.toarray() if sp.issparse(condensed) else condensed
@@ -100,9 +102,9 @@ class ByParts:
 
 
 def solve_of(full: Substructure, rom: Any, K: Matrix) -> ByWhole | ByParts:
-    """By the parts where the full model is a system whose parts can be held at their interfaces, else by the whole.
+    """`ByParts` if the full model is a system whose parts can be held at their interfaces, else `ByWhole`.
 
-    K is that of the full model, or holds the stiffness of contacts, too.
+    K is the stiffness of the full model, with or without contact stiffness.
     """
     why = "it is no system of parts" if K is full.K else "a contact adds to its stiffness"
     if isinstance(full, System) and isinstance(rom, System) and K is full.K:
@@ -117,7 +119,7 @@ def solve_of(full: Substructure, rom: Any, K: Matrix) -> ByWhole | ByParts:
 
 
 def _apart(full: System) -> dict[str, slice]:
-    """The parts with an inside of their own: a physical interface and DOF that are not in it; and their rows in L."""
+    """The rows in L of each part that has interior DOF and a physical interface."""
     return {name: at for (name, part), at in zip(full.parts.items(), rows_of_parts(full.parts), strict=True)
             if len(part.interior) and 0 < len(part.interface) == part.interface_rows.shape[0]}
 
@@ -125,7 +127,7 @@ def _apart(full: System) -> dict[str, slice]:
 def _against(full: System, widest: int = 5000) -> str:
     """Why a system cannot be solved by its parts; empty if it can.
 
-    The dense matrix of up to `widest` DOF between them has 200 MB, and is factorised in some seconds.
+    The DOF between the parts make a dense matrix. For `widest` DOF it takes 200 MB and some seconds to factorise.
     """
     if full.multipliers:
         return "it is assembled by multipliers"
@@ -141,8 +143,8 @@ def _against(full: System, widest: int = 5000) -> str:
 
 
 def _constraint_modes(part: Substructure, rom: Any, handle: ShiftInvert, loads: Matrix) -> Array:
-    """Ψ = -K_ii⁻¹ K_ib (n_i, n_b): those of the reduced part's basis if it has them, else solved for."""
-    columns, kinds = rom.interface, getattr(rom, "kinds", ())  # of a reduced part
+    """Ψ = -K_ii⁻¹ K_ib (n_i, n_b), from the reduced part's basis if it has constraint modes, else solved for."""
+    columns, kinds = rom.interface, getattr(rom, "kinds", ())  # `kinds` of a reduced part
     if kinds and len(columns) == len(part.interface) and all(kinds[j] == "constraint" for j in columns):
         static = rom.V[np.ix_(part.interior, columns)]
         forces = handle.K @ static

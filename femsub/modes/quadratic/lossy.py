@@ -1,14 +1,15 @@
 """Complex modes under structural damping: P(λ)x = 0 with P(λ) = λ²M + λD + K + i s H and s = 1, -1, 0 the sign of Im λ.
 
-P is conjugated where λ is, so all solutions off the real axis come in pairs. Those above it are the eigenvalues with Im λ > 0 of
+P(λ̄) is the conjugate of P(λ), so all solutions off the real axis come in pairs. The solutions above the axis are the eigenvalues
+with Im λ > 0 of
 
     P₊(λ) = λ²M + λD + K + iH,
 
-all of them, those included that have come from the real axis with H. LAPACK finds the 2n eigenvalues of P₊ on the state matrix
-of `dense`, complex here. Those with Im λ < 0 solve nothing. The solutions on the axis are the real eigenvalues of
-P₀(λ) = λ²M + λD + K, since motion without oscillation has no sign. An H that acts on such a motion moves its λ in P₊ to one
-side. If that is the upper one, both are solutions: the real λ, and a pair beside it. So there may be more than 2n solutions, or
-fewer. In a mode of viscous damping ζ > 1 it is the faster λ that moves up, if H is positive semidefinite.
+including eigenvalues that H has moved off the real axis. LAPACK finds the 2n eigenvalues of P₊ on the state matrix of `dense`,
+which is complex here. Eigenvalues of P₊ with Im λ < 0 are no solutions. The solutions on the axis are the real eigenvalues of
+P₀(λ) = λ²M + λD + K, since motion without oscillation has no sign. If H acts on such a motion, it moves its λ in P₊ to one side
+of the axis. If this is the upper side, both are solutions: the real λ, and a pair beside it. So there may be more than 2n
+solutions, or fewer. In a mode with viscous damping ζ > 1 the faster λ moves up, if H is positive semidefinite.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class LossyPencil(Pencil):
 
     @classmethod
     def of(cls, pencil: Pencil, H: Matrix, name: str) -> Self:
-        """An InputError for a model that is too large."""
+        """The dense pencil with H (n, n); an InputError if the model is too large."""
         if pencil.size > QUADRATIC:
             raise InputError(f"complex modes with structural damping are for models of up to {QUADRATIC} DOF, but {name!r} has "
                              f"{pencil.size}. Reduce it first, or take fs.equivalent_viscous(model, omega)")
@@ -67,14 +68,15 @@ class LossyPencil(Pencil):
 
     @property
     def sizes(self) -> tuple[Matrix, Matrix, Matrix]:
-        """As of a pencil, |K| + |H| for |K|."""
+        """|M|, |D| and |K| + |H|."""
         M, D, K = super().sizes
         return M, D, K + abs(self.H)
 
     def all_modes(self) -> SearchResult:
         """All solutions, each pair side by side.
 
-        An eigenvalue of P₊ whose Im λ is within its error bar lies on the axis, if P₀ has one there within both bars.
+        An eigenvalue of P₊ whose |Im λ| is within its error bar lies on the real axis, if P₀ has an eigenvalue within both error
+        bars.
 
         Raises
         ------
@@ -84,7 +86,8 @@ class LossyPencil(Pencil):
         Warns
         -----
         ConditionWarning
-            Error bars leave it open on which side of the axis a λ lies, or whether it is real without H: 'not checked'.
+            Error bars do not decide on which side of the axis a λ lies, or whether it is real without H. The evidence is 'not
+            checked' then.
         """
         plain, upper = Pencil(self.M, self.D, self.K).carrying(self.rigid_motion, self.noise), self._with(H=self.H, side=1)
         # the 2n eigenvalues of P₊
@@ -112,7 +115,7 @@ class LossyPencil(Pencil):
         if doubt:
             one = np.append(values[np.setdiff1d(axis, at)], real[nearly])[0].real
             warn(f"{doubt} eigenvalues lie so near to the real axis that rounding decides whether structural damping makes them "
-                 f"oscillate, one at {one:.4g}. Some may be missing, or listed though they are none", ConditionWarning)
+                 f"oscillate, one at {one:.4g}. Some may be missing, or listed though they are no eigenvalues", ConditionWarning)
         pairs = [np.stack([part, part.conj()], axis=-1).reshape(*part.shape[:-1], -1)
                  for part in (values[up], X[:, up], Y[:, up])]
         found, X_all, Y_all = (np.concatenate([pair, part[..., still]], axis=-1)

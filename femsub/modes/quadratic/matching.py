@@ -1,7 +1,7 @@
 """Two spectra side by side: eigenvalues are matched by distance and by shape, never by position.
 
-Within one model: equal and almost equal eigenvalues, duplicates, several searches. Between two models: what one has and the other
-has not, and how far apart they are: eigenvalues, undamped frequencies with the interface free and at rest, forces in joints.
+Within one model: equal and almost equal eigenvalues, duplicates, several searches. Between two models: eigenvalues that only one
+of them has, and differences of eigenvalues, of undamped frequencies with the interface free and fixed, and of joint forces.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from femsub.modes.normal_modes import NormalModes
     from femsub.modes.quadratic.complex_modes import ComplexModes
 
-HALF = EPS**0.5  # half of the digits: what is known to fewer is poor, and eigenvalues nearer than this are one to first order
-#: Two results for one eigenvalue may differ by this, λ relative to |λ| and unit shapes in the remainder of one beside others. The
-#: residual of a search is HALF at worst, and a defective double eigenvalue and its shape are known to the root of it.
+HALF = EPS**0.5  # half of the digits: results with fewer are poor, and eigenvalues closer than this count as one
+#: Two results for one eigenvalue may differ by this: λ relative to |λ|, and a unit shape by its part outside the span of others.
+#: The residual of a search is HALF at worst, and the error of a defective double eigenvalue and its shape is the square root of
+#: that.
 SPLIT = HALF**0.5
 NEAR = 0.5  # |Δλ| / |λ| above which an eigenvalue has no counterpart
 CLUSTER = 1e-3  # |Δλ| / |λ| up to which modes are compared as one subspace
@@ -59,7 +60,7 @@ def pair_costs(reference: Array, values: Array, alike: Array | None = None, *, w
     alike : ndarray, shape (k, l), optional
         The MAC of the shapes, which decides between close frequencies; NaN means no cost.
     weight : float
-        |Δλ| / |λ| that costs as much as a MAC of 0. By default as far apart as modes change places between two models.
+        |Δλ| / |λ| that costs as much as a MAC of 0. By default the distance over which modes change places between two models.
     far : float, optional
         The largest |Δλ| / |λ| that counts.
     """
@@ -78,10 +79,10 @@ def assigned(cost: Array) -> tuple[Array, Array]:
 
 
 def distinct(values: Array, X: Array) -> tuple[Array, Array]:
-    """λ (k,) and X (n, k) without duplicates: eigenpairs whose eigenvalue and shape are listed already.
+    """λ (k,) and X (n, k) without duplicates, that is without eigenpairs whose eigenvalue and shape are already listed.
 
-    A duplicate could hide a missing eigenvalue when numbers are compared. Two equal real eigenvalues that rounding has turned
-    into a pair, of which only Im λ > 0 is listed, become two again, with Re x and Im x.
+    A duplicate could hide a missing eigenvalue when numbers are compared. Rounding may turn two equal real eigenvalues into a
+    conjugate pair, of which only Im λ > 0 is listed. They become two real eigenvalues again, with the shapes Re x and Im x.
     """
     false = np.flatnonzero((values.imag != 0) & (np.abs(values.imag) <= EQUAL * np.abs(values)))
     parts = (np.column_stack([x.real, x.imag]) for x in unit_length(X[:, false]).T)
@@ -170,8 +171,8 @@ def clear_radius(size: Array, count: int) -> float:
 class SpectrumErrors(NamedTuple):
     """Largest errors of λ and of Re λ over the matched eigenvalues, and how many are not matched, or of another stability.
 
-    `eigenvalue` and `real` are relative to |λ|, `growth` to a scale of its own. `missing` have no counterpart, `mac` is the
-    smallest one. `missed` grow in the full model alone, `invented` in the reduced one alone.
+    `eigenvalue` and `real` are relative to |λ|, `growth` to a scale of its own. `missing` eigenvalues have no counterpart, `mac`
+    is the smallest MAC. `missed` modes grow in the full model only, `invented` modes in the reduced model only.
     """
 
     eigenvalue: float
@@ -184,7 +185,7 @@ class SpectrumErrors(NamedTuple):
 
 
 def rows_beside(modes: NormalModes, reference: Sequence[float]) -> list[dict[str, Any]]:
-    """The rows of normal modes; elastic ones have the reference frequency that is theirs, and the relative difference."""
+    """The table rows of normal modes; elastic modes have their matching reference frequency and the relative difference."""
     rows, own, theirs = modes.rows(), modes.elastic, np.array(reference, dtype=float)
     for at, to in zip(*match(own, theirs), strict=True) if len(theirs) else ():
         if (difference := abs(float(own[at] / theirs[to] - 1))) <= NEAR:
@@ -224,7 +225,7 @@ def _energy(x: Array, Mx: Array) -> Array:
 
 def spectrum_errors(full: ComplexModes, reduced: ComplexModes, models: tuple[Substructure, Substructure] | None = None,
                     scale: Array | None = None, band: tuple[float, float] = (0.0, np.inf)) -> SpectrumErrors:
-    """Errors over the eigenvalues of the full model with Im λ ≥ 0, rigid motion apart.
+    """Errors over the eigenvalues of the full model with Im λ ≥ 0, without rigid motion.
 
     The error of Re λ is relative to `scale`, one value per eigenvalue of the full model, such as `turnover`. Without it the
     scale is Re λ itself, which vanishes at the stability border. Differences within the error bars are ignored.
@@ -322,7 +323,7 @@ def relative_error(value: float, reference: float) -> float:
 
 
 def undamped(model: Substructure, band: tuple[float, float] | None = None) -> NormalModes:
-    """The undamped modes in a band; of a small model, or without a band, all."""
+    """The undamped modes in a band; all modes if the model is small or no band is given."""
     if band is not None and model.size > SMALL:
         return normal_modes(model, band=band)
     return all_modes(model.K, model.M, carried=model.rigid_motion)
@@ -335,17 +336,17 @@ def force_error(full: System, ours: NormalModes, reduced: System, theirs: Normal
     max_j (‖g_j - ḡ_j‖ / ω_j) / max_k (‖g_k‖ / ω_k), g of the full system, ḡ of the reduced one. g are the forces on the
     interfaces of all parts in a mode of unit modal mass. The joints carry no load in some modes, such as the symmetric ones of
     two equal parts. So all modes share one scale, which grows with ω. Modes of a cluster are compared as a subspace. NaN if the
-    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced one.
+    band holds no mode of the full system, or if one of them has no counterpart. `theirs` are all modes of the reduced system.
 
-    A counterpart is within `near` of ω, as in `match`, and has at least `least` of the largest share of the mode's energy: its
-    cluster counts, noise does not. All counterparts together must have more than `held` of the energy, so that no two modes of
-    the full system claim the same.
+    A counterpart is within `near` of ω, as in `match`. Its share of the mode's energy is at least `least` of the largest share,
+    so modes of a cluster count and noise does not. All counterparts together must have more than `held` of the energy, so that no
+    two modes of the full system have the same counterpart.
     """
     at = np.flatnonzero(in_band(ours.frequencies, band) & (np.arange(len(ours.frequencies)) >= ours.rigid))
     if not len(at):
         return np.nan
     x, y = ours.shapes[:, at], full.collected(reduced.expand(theirs.shapes))
-    size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 but for methods that change the mass, such as MacNeal's
+    size = np.sqrt(np.einsum("ij,ij->j", y, full.M @ y))  # 1 except for methods that change the mass, such as MacNeal's
     share = x.T @ (full.M @ y) / size
     omega = ours.frequencies[at, None]
     share[np.abs(theirs.frequencies - omega) > near * omega] = 0.0
@@ -360,12 +361,12 @@ def force_error(full: System, ours: NormalModes, reduced: System, theirs: Normal
 
 
 def joint_forces(system: System, modes: NormalModes, at: Array) -> Array:
-    """All interface forces below each other, shape (Σ n_b, k)."""
+    """The interface forces of all parts, stacked, shape (Σ n_b, k)."""
     return np.concatenate(list(system.interface_forces(modes.frequencies[at], modes.shapes[:, at]).values()))
 
 
 def held_frequencies(model: Substructure, band: tuple[float, float] | None = None) -> Array:
-    """The undamped frequencies in a band while the interface is held at rest; without a band all, of a small model."""
+    """The undamped frequencies in a band with the interface fixed; all frequencies if the model is small or no band is given."""
     if model.size <= len(model.interface_numbers):
         return np.empty(0)
     at_rest = couple({"held": model}, [Rigid(("held", model.interface_numbers), "ground")], interface=[])

@@ -1,12 +1,12 @@
 """Where the eigenvalues of λ²M + λ(D + c w wᵀ) + K cross the imaginary axis: roots of a scalar function.
 
-The contact is rank one, hence on the border λ = iω
+The contact has rank one. So on the stability border λ = iω
 
     1 + c G(ω) = 0,   G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w,
 
-so the crossings are the roots of Im G, with c = -1/G. G is evaluated in the undamped modes of the dense pencil, where
--ω²M + K is the diagonal Ω² - ω², free of cancellation. Brackets come from the poles λ_k of G, that is from the model's
-modes, on a grid as fine as their damping.
+so the crossings are the roots of Im G, with c = -1/G. G is evaluated in the undamped modes of the dense pencil, where -ω²M + K is
+the diagonal Ω² - ω², free of cancellation. Brackets of the roots come from the poles λ_k of G, that is from the eigenvalues of
+the model, on a grid as fine as their real parts.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ class PortFunction:
 
     @classmethod
     def of(cls, form: ModalForm, w: Array, decomposition: tuple[Array, Array, Array] | None = None) -> PortFunction:
-        """The function of a port (n,); λ, left and right vectors of the state matrix may be given if they are known."""
+        """The function G of a port w (n,); `decomposition` is λ, left and right vectors of the state matrix, if known.
+        """
         n, r = len(form.omega), form.rigid
         values, left, right = decomposition or la.eig(form.state(), left=True, right=True, check_finite=False)
         scale = np.einsum("ij,ij->j", left.conj(), right)
@@ -48,7 +49,7 @@ class PortFunction:
         result = np.empty(len(omega), dtype=complex)
         for start in range(0, len(omega), 512):
             part = omega[start:start + 512]
-            with np.errstate(divide="ignore", invalid="ignore"):  # a point may fall onto an undamped pole
+            with np.errstate(divide="ignore", invalid="ignore"):  # a point may coincide with an undamped pole
                 result[start:start + 512] = (self.residues / (1j * part[:, None] - self.poles)).sum(axis=1)
         return result
 
@@ -65,9 +66,9 @@ class PortFunction:
         return (la.lu_solve(factor, self.w, check_finite=False), la.lu_solve(factor, self.w, trans=1, check_finite=False))
 
     def rounding(self, omega: float) -> float:
-        """Relative change of c = -1/G(ω) if each entry of C changes by one rounding: EPS ω |y|ᵀ|C||q| / |h|.
+        """Relative change of c = -1/G(ω) if each entry of C changes by one rounding error: EPS ω |y|ᵀ|C||q| / |h|.
 
-        Rounding in the stiffness moves ω, but c by less.
+        Rounding in the stiffness shifts ω, and changes c by less.
         """
         q, y = self._responses(omega)
         return float(EPS * omega * np.abs(y) @ (np.abs(self.form.C) @ np.abs(q)) / np.abs(self.w @ q))
@@ -89,7 +90,7 @@ class PortFunction:
 
     def crossings(self, lo: float, hi: float) -> tuple[Array, Array]:
         """(ω, c) of all crossings with lo ≤ ω ≤ hi and c < 0, largest c first; edges as in `in_band`."""
-        omega = self.grid(lo * lo / widened(lo) if lo else lo, widened(hi))  # a root on an edge needs a change of sign around it
+        omega = self.grid(lo * lo / widened(lo) if lo else lo, widened(hi))  # edges a little outside, for roots on them
         if len(omega) < 2:
             return np.zeros(0), np.zeros(0)
         imag = self.approximate(omega).imag
@@ -106,11 +107,11 @@ class PortFunction:
         rough = -1 / np.where(likely, G, -1.0).real
         found: list[tuple[float, float]] = []
         widths = np.abs(1j * roots[:, None] - self.poles).min(axis=1, initial=np.inf)
-        # the relative error of the approximate value is the rounding of the pole over its distance to the axis
+        # relative error of the approximate value: the rounding error of the pole over its distance from the axis
         doubt = 1e-6 + 20 * EPS * np.abs(self.poles).max() / np.maximum(widths, 1e-300)
         for j in sorted(np.flatnonzero(likely), key=lambda j: -rough[j]):
-            # Crossings certainly below the best one need no refinement. Two are kept in reserve, in case the best one
-            # turns out to cross in the wrong direction.
+            # Crossings whose c is certainly below the best need no refinement. Two more are kept in reserve, in case the best
+            # crosses in the wrong direction.
             if len(found) >= 3 and rough[j] < (1 + doubt[j]) * sorted(pair[1] for pair in found)[-3]:
                 continue
             width = float(widths[j])

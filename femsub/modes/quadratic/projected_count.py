@@ -1,7 +1,8 @@
 """The number of eigenvalues in a rectangle or disc, for damping and friction of any rank: projection on the undamped modes.
 
-A brake is often projected on its undamped modes, and the result trusted. Here a bound of what the projection leaves out shows
-whether the number of its eigenvalues is right. All factors are real and positive definite, so any size can be counted.
+Brakes are often projected on their undamped modes, and the result is trusted. Here a bound of the truncation error shows whether
+the projection has the right number of eigenvalues. All factors are real and positive definite, so models of any size can be
+counted.
 """
 
 from __future__ import annotations
@@ -64,16 +65,16 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-#: what `Projection` raises where there is none
+#: errors that `Projection` raises if there is no projection
 UNCOUNTED = (SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError)
 
-REACH = 2.5  # undamped modes are kept up to so many times the largest Im λ
+REACH = 2.5  # undamped modes are kept up to this multiple of the largest Im λ
 LIFTS = (0.0, 0.2, 1.0, 2.0, 4.0, 8.0)  # of M, in units of the largest |λ|², that may make the stiffness positive definite
-MOTION = 1e-9  # quotient relative to the largest up to which a shape is rigid motion, or nearly
+MOTION = 1e-9  # Rayleigh quotient, relative to the largest, up to which a shape is rigid motion or nearly rigid
 STILL = 1e-12  # |Dz| relative to |D||z| below which damping does not act on rigid motion z
-COLUMNS = 500  # of n numbers that are needed at most while a process looks for strong damping
+COLUMNS = 500  # largest memory, in columns of n numbers, while a process looks for strong damping
 DAMPED = (0.2, 0.5)  # share of the stiffness that damping may reach outside the basis at the largest |Re λ|
-CHANGED = 0.05  # the same share of what a parameter changes
+CHANGED = 0.05  # the same share for changes by parameters
 
 
 Ends = tuple[float, float]
@@ -81,10 +82,10 @@ Bounds = tuple[Array, Ends, float]  # shapes of strong damping, the range of dam
 
 
 class Varied(NamedTuple):
-    """A term θ s^power T that may join a pencil, |θ| ≤ size.
+    """A term θ s^power T that a parameter adds to a pencil, |θ| ≤ size.
 
-    The pencil may have the symmetric half of `held` T already, without the skew half. The projection adds that: one term, of
-    weight held + θ.
+    The pencil may already have the symmetric half of `held` T, without the skew half. Then the projection adds the skew half, as
+    one term of the weight held + θ.
     """
 
     matrix: Matrix
@@ -96,23 +97,26 @@ class Varied(NamedTuple):
 class Projection(EnergyBasis):
     """The energy basis of P(s) = s²M + sD + K with A = (K + Kᵀ)/2 + μM, in which all constants are proved.
 
-    Rigid motion that nothing damps, P(s)z = s²Mz, stands apart: its eigenvalues are 0. V holds all other undamped modes up to
-    2.5 times the largest Im λ, by their inertia count, and all shapes of strong damping. So outside V, for s = a + ib,
+    Undamped rigid motion, P(s)z = s²Mz, is treated separately: its eigenvalues are 0. V contains all other undamped modes up to
+    2.5 times the largest Im λ, counted by inertia, and all shapes of strong damping. So outside V, for s = a + ib,
 
         c = 1 - (b² + μ)/(ω² + μ) - |a|d - |b|g
 
-    with the first mode ω that is left out, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g; Cholesky factors of dA ± (D + Dᵀ)/2 prove
-    both. For a < 0 positive damping takes from c, and for a > 0 negative damping: each has its own d. With `changes` θ_q s^q T_q
-    that a parameter makes, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. Of a T_q with few columns A⁻¹T_q joins
-    V, so that it does not act outside. Others are bounded there as D is. `kept` is that of `EnergyBasis`: it pays where residuals
-    of many pairs are looked at, as in corrections. A pencil given by a function, with its M, D and K as `sums`, is formed until
-    the modes are known, and not kept beside V.
+    where ω is the first undamped frequency outside V, |xᴴ(D + Dᵀ)x| ≤ 2d and |xᴴ(D - Dᵀ)x| ≤ 2g, both relative to xᴴAx. Cholesky
+    factors of dA ± (D + Dᵀ)/2, and of the real form of gA + i(D - Dᵀ)/2, prove both. For a < 0 positive damping reduces c, and
+    for a > 0 negative damping: each has its own d.
+
+    With `changes` θ_q s^q T_q by a parameter, `changed` gives the same projection for P(s) + Σ θ_q s^q T_q. For a T_q with few
+    columns A⁻¹T_q joins V, so that T_q does not act outside V. Other T_q are bounded there in the same way as D. `kept` is as in
+    `EnergyBasis`: it pays if residuals of many pairs are needed, as in corrections. A pencil given by a function, with its M, D
+    and K as `sums`, is kept only until the modes are known, not beside V.
 
     Raises
     ------
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
         There is no such A or V: M is unsymmetric, K far from definite, or damping so strong that V would have more than `most`
-        columns. LAPACK finds all eigenvalues of VᵀPV, so that it is no larger than a model may be of which it finds all.
+        columns. LAPACK finds all eigenvalues of VᵀPV, so the limit is the same as for models of which LAPACK finds all
+        eigenvalues.
     """
 
     def __init__(self, pencil: Pencil | Callable[[], Pencil], outer: Contour, most: int = QUADRATIC,
@@ -122,7 +126,7 @@ class Projection(EnergyBasis):
         if not pencil.symmetric[0]:
             raise SingularMatrixError("M is unsymmetric")
         self.outer, self.most, M = outer, most, pencil.M
-        self.why = ""  #: there is no count
+        self.why = ""  #: why there is no count
         self.blamed = np.zeros(len(changes))  #: shares of the changes where a proof for all θ ± half failed
         none = sp.csr_array(M.shape)
         damping, gyroscopic = (pencil.D, none) if pencil.symmetric[1] else halves(pencil.D)
@@ -131,9 +135,9 @@ class Projection(EnergyBasis):
 
         simple, turned = proportional(pencil, damping), few_columns(gyroscopic)
         own, carried, n = stiffness is pencil.K, pencil.rigid_motion, pencil.size
-        whole = self.whole = bool(changes) and n <= WIDE  # V may become all there is
+        whole = self.whole = bool(changes) and n <= WIDE  # V may become the whole space
         del pencil
-        mass, damping, whole_stiffness = sums or (M, damping, stiffness)  # a formed damping goes
+        mass, damping, whole_stiffness = sums or (M, damping, stiffness)  # frees a damping that was formed
 
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
@@ -153,24 +157,24 @@ class Projection(EnergyBasis):
                 yield found
 
         modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, own, carried, bounds, most, lowest)
-        # rigid motion on which no other part of P acts is free, by rounding in the products; the rest of the modes joins V
+        # rigid motion is free if no other part of P acts on it, beyond rounding in the products; all other modes join V
         self.free, rest = modes.shapes[:, :modes.rigid].copy(), modes.shapes[:, modes.rigid:]
         others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
-        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 where there is no rigid motion
+        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 if there is no rigid motion
         moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
         if moved:
             sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
             rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
             self.free = self.free @ turn[sizes < STILL].T
         self.momenta = M @ self.free
-        M, stiffness = mass, whole_stiffness  # formed ones go
-        self.unit = self.A.unit  #: in which the matrices of a family are scaled
+        M, stiffness = mass, whole_stiffness  # frees matrices that were formed
+        self.unit = self.A.unit  #: the unit in which the matrices of a family are scaled
         beyond = modes.counted[0] ** 2 - lift + self.mu
         if simple is not None:  # outside V, D is αM + βK = (α - βμ)M + βA
             alpha, beta = simple[:2]
-            first = beta + (alpha - beta * self.mu) / beyond  # of the first mode that is left out
+            first = beta + (alpha - beta * self.mu) / beyond  # of the first mode outside V
             spread = min(beta, first), max(beta, first)
         given = (Term(M, (-self.mu, 0.0, 1.0), range=(0.0, 1 / beyond)),
                  Term(damping, (0.0, 1.0, 0.0), range=spread, modal=simple is not None,
@@ -179,10 +183,10 @@ class Projection(EnergyBasis):
                  Term(circulatory, (1.0, 0.0, 0.0), -1.0))
         terms = [term for term in given if term.matrix is M or term.matrix.nnz]
         self.own_weights: list[tuple[int | None, Weights]] = [(None, term.weights) for term in terms]
-        self.held = [0.0] * len(terms)  #: of each term: what joins the θ of its change
+        self.held = [0.0] * len(terms)  #: of each term: the number that is added to the θ of its change
         joining = [rest, strong]
         few = [W for W in (None if simple is None else simple[2], turned) if W is not None and W.shape[1]]
-        if few:  # A⁻¹ of them joins V, without rigid motion, which is there: A is nearly singular in it
+        if few:  # A⁻¹ of these columns joins V, without rigid motion, which V has already: A is nearly singular in it
             Q, size, _ = la.svd(np.hstack([W / np.linalg.norm(W, axis=0) for W in few]), full_matrices=False)
             Q = Q[:, size > SINGULAR * size[0]]
             rigid = modes.shapes[:, :modes.rigid]
@@ -210,14 +214,14 @@ class Projection(EnergyBasis):
                 self.own_weights.append((place, (float(power == 0), float(power == 1), float(power == 2))))
                 self.held.append(more)
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
-        self.counted: Coupling | None = None  # the last one, if the count was proved
+        self.counted: Coupling | None = None  # the last coupling, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
         self._parts: tuple[list[WholeTerm], tuple[Array, float]] | None = None
-        del modes, strong, rest  # each goes when it has joined V
+        del modes, strong, rest  # each is freed when it has joined V
         self.add(joining.pop(0), modes=True)
         while joining:
             self.add(joining.pop(0))
-        if not self.size:  # nothing is near the region, and any shape shows it
+        if not self.size:  # no mode is near the region, and any one shape shows that
             self.add(self.factor.solve(np.ones((n, 1)) - self.momenta @ self.free.sum(axis=0)[:, None]))
 
     def changed(self, theta: Sequence[float] | Array, half: Sequence[float] | Array = ()) -> Projection:
@@ -228,7 +232,7 @@ class Projection(EnergyBasis):
         return found
 
     def _weighted(self, theta: Sequence[float] | Array, half: Sequence[float] | Array | None = None) -> list[Weights]:
-        """The weights of all terms at θ; with `half` the largest ones for all θ ± half."""
+        """The weights of all terms at θ; with `half` the largest weights for all θ ± half."""
         found = []
         for (place, own), held in zip(self.own_weights, self.held, strict=True):
             size = 1.0
@@ -239,11 +243,11 @@ class Projection(EnergyBasis):
         return found
 
     def coercivity(self, re: tuple[float, float], top: float) -> float:
-        """c; 1 where V and rigid motion leave nothing out."""
+        """c; 1 if V and rigid motion span the whole space."""
         return 1.0 if self.size + self.free.shape[1] == len(self.V) else super().coercivity(re, top)
 
     def completed(self) -> bool:
-        """Whether V has got all that was outside of it, as it may in a model over a box that LAPACK solves soon."""
+        """Extend V to the whole space, if the model is small enough for LAPACK; return whether V has grown."""
         if not self.whole:
             return False
         known = np.hstack([self.A @ self.V, self.momenta])
@@ -251,7 +255,7 @@ class Projection(EnergyBasis):
 
     @property
     def least(self) -> float:
-        """c for all θ."""
+        """c for all θ ± half."""
         return self.at(self._weighted(self.theta, self.half)).coercivity(self.outer.re, self.outer.top)
 
     def norm(self, term: Term) -> float:
@@ -261,7 +265,7 @@ class Projection(EnergyBasis):
     def sizes(self, V: Array) -> Array:
         """|V|ᵀB|V| (p + 1, r, r) of V (n, r), for B = |K| + μ|M| of A = K + μM, and |T| of each term, of a sum Σ|θ_i||T_i|.
 
-        Times EPS it is what rounding in the entries may do to VᵀAV or VᵀTV.
+        Times EPS it bounds the effect of rounding in the entries on VᵀAV or VᵀTV.
         """
         blocks = [V[:, at] for at in few_at_a_time(V.shape[1], self.size)]
 
@@ -275,14 +279,14 @@ class Projection(EnergyBasis):
         return np.array([size(self.A), *(size(Sum.of(term.matrix)) for term in self.terms)])
 
     def images_outside(self) -> tuple[Array, float]:
-        """H (p, h, m) of all terms at their largest weights, and what it lacks, see `images`."""
+        """H (p, h, m) of all terms at their largest weights, and a bound of its error, see `images`."""
         if self._parts is not None:
             return self._parts[1]
         largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
         return images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
 
     def _varied(self) -> tuple[list[WholeTerm], tuple[Array, float]]:
-        """Each change as a whole, and `images_outside`."""
+        """Each change as a whole term, and `images_outside`."""
         if self._parts is None:
             halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
             whole = [WholeTerm.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
@@ -290,7 +294,7 @@ class Projection(EnergyBasis):
         return self._parts
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
-        """Append directions without the free rigid motion."""
+        """Append directions (n, k), from which free rigid motion is removed; return whether V has grown."""
         m, p = self.size, len(self.terms)
         held = (1 + self.kept * p / 2) * (m + new.shape[1])
         check_columns("the pencil", len(new), int(held) + new.shape[1] + 4 * BLOCK)
@@ -299,20 +303,21 @@ class Projection(EnergyBasis):
         return super().add(new - self.free @ (self.momenta.T @ new) if self.free.size else new, modes=modes, unit=unit)
 
     def on(self, choose: Callable[[Array, Array], Contour], rounds: int = 8) -> Count | None:
-        """The count inside a contour that keeps clear of the eigenvalues of VᵀPV; V grows until it is proved. None without.
+        """The proved count inside a contour that keeps clear of the eigenvalues of VᵀPV; None if it cannot be proved.
 
-        `choose` takes the eigenvalues, and how far the changes move each of them. `rounds` of enrichment at most. One is usual,
-        and each makes the eigenproblem of VᵀPV larger.
+        `choose` makes the contour from the eigenvalues and from how far the changes move each of them. V is enriched until the
+        count is proved, in at most `rounds` rounds. One is usual, and each makes the eigenproblem of VᵀPV larger.
         """
         self.why, self.blamed = "", np.zeros(len(self.changes))
         c = self.least
-        if c <= 0 and self.changed(self.theta).least <= 0 and self.completed():  # no part of the cell would be proved
+        if c <= 0 and self.changed(self.theta).least <= 0 and self.completed():  # else no part of the cell could be proved
             c = self.least
         if c <= 0:
-            for q in np.flatnonzero(self.half):  # what each change takes of c
+            for q in np.flatnonzero(self.half):  # the loss of c by each change
                 others = self.changed(self.theta, np.where(np.arange(len(self.half)) == q, 0.0, self.half))
                 self.blamed[q] = others.least - c
-            self.why = f"damping or gyroscopic forces may outweigh the stiffness of other shapes by {1 - c:.2g}"
+            self.why = ("inertia, damping and gyroscopic forces of shapes outside the basis may reach "
+                        f"{1 - c:.2g} times their stiffness")
             return None
         if not self.size:
             self.why = "it has no shape besides rigid motion"
@@ -337,7 +342,8 @@ class Projection(EnergyBasis):
                 self.counted, small.contour = small, contour
                 values = np.append(small.values, np.zeros(2 * self.free.shape[1]))
                 return Count(contour, int(np.count_nonzero(contour.encloses(values))), values, self.size, margin)
-            self.why = f"on {self.size} shapes the bound of what they leave out is {margin:.2g}{place}, but must be below {SAFE}"
+            self.why = (f"with {self.size} shapes the bound of the truncation error is {margin:.2g}{place}, but it must be below "
+                        f"{SAFE}")
             if self.size > self.most:
                 self.why += f", and {self.most} shapes are the limit"
                 break
@@ -374,10 +380,10 @@ def few_columns(T: Matrix, most: int = 40) -> Array | None:
 
 
 def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float, float, Array] | None:
-    """α, β and W (n, k), k ≤ `most`, such that the symmetric damping is αM + βK on all x with Wᵀx = 0; None without.
+    """α, β and W (n, k), k ≤ `most`, such that the symmetric damping is αM + βK on all x with Wᵀx = 0; else None.
 
-    W are the columns of contacts, and of the dashpots beside them. α and β come from diagonals and sums of rows, without the half
-    of them that fits least, as those of dashpots.
+    W has the columns of contacts and of dashpots. α and β are fitted to diagonals and row sums, without the half of these that
+    fits worst, such as rows of dashpots.
     """
     M, K, W = pencil.M, pencil.symmetric_stiffness, [one for *_, one in pencil.contacts]
     rest = [(1.0, damping)] + [(-1.0, contact_matrix(one, C if isinstance(C, float) else (C + C.T) / 2))
@@ -394,7 +400,7 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
         for _ in range(3):
             keep = off <= np.median(off)
             fit = np.linalg.lstsq(unit[keep], d[keep], rcond=None)[0]
-            fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # of one kind alone
+            fit[np.abs(fit) <= SINGULAR * np.abs(fit).max()] = 0.0  # M or K alone
             off = np.abs(d - unit @ fit)
         alpha, beta = (fit / scale).tolist()
         columns = _few_left([*rest, (-alpha, M), (-beta, K)], own, most)
@@ -403,10 +409,11 @@ def proportional(pencil: Pencil, damping: Matrix, most: int = 40) -> tuple[float
 
 
 def _few_left(parts: Sequence[tuple[float, Matrix]], own: Array, most: int) -> Array | None:
-    """`few_columns` of Σ wA over pairs (w, A), without entries that are rounding.
+    """`few_columns` of Σ wA over pairs (w, A), without entries that are only rounding.
 
-    They are so beside Σ |w||A|, or beside √(d_ii d_jj) = `own`_i `own`_j of D's diagonal. Where αM is small beside βK, α is known
-    to the rounding of βK alone. The sum is made by slabs of rows, and ends at the first that shows that there are too many.
+    Entries are rounding if they are tiny beside Σ |w||A| + √(d_ii d_jj), where √(d_ii d_jj) = `own`_i `own`_j is from D's
+    diagonal. The latter counts because α is known only to the rounding of βK if αM is small beside βK. The sum is formed by slabs
+    of rows, and ends at the first slab that shows that there are too many columns.
     """
     slabs, acting = [], 0
     for start in range(0, len(own), LARGE // 8):  # few rows: each takes ten times its own memory
@@ -426,11 +433,11 @@ def _few_left(parts: Sequence[tuple[float, Matrix]], own: Array, most: int) -> A
 def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
               bounds: Callable[[ShiftInvert, float], AbstractContextManager[Callable[[int], Bounds]]], most: int,
               lowest: tuple[ShiftInvert, NormalModes] | None)  -> tuple[NormalModes, float, Bounds]:
-    """The modes of K + lift M, positive semidefinite, all up to the reach; the lift; and `bounds` by its factor.
+    """All modes up to the reach of a positive semidefinite K + lift M; the lift; and the result of `bounds` by its factor.
 
-    The pencil's own K needs no lift, and its factor is there. The symmetric part of an unsymmetric K is often indefinite. The
-    modes are counted in a process of its own, where there is room for it, while this one makes its factor. What takes longest of
-    the bounds is found in another one while the modes are sought (see `_none_strong`), and the rest after them.
+    The pencil's own K needs no lift, and its factor exists already. The symmetric part of an unsymmetric K is often indefinite.
+    The modes are counted in a separate process, if there is memory for it, while this process factorises. The slowest of the
+    bounds is found in another process while the modes are computed (see `_none_strong`), the other bounds after that.
     """
     last: FemsubError = SingularMatrixError("K is far from definite")
     for share in LIFTS[0 if own else 1:]:
@@ -441,7 +448,7 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
         try:
             with one_thread(beside is not None):
                 if lift:
-                    shared_factor(held, "definite")  # or an error, before rigid motion is looked for
+                    shared_factor(held, "definite")  # raises before rigid motion is looked for
                 handle = lowest[0] if lowest and not lift else ShiftInvert(held, M, carried=None if lift else carried)
             handle.beside = beside
             with ExitStack() as stack:
@@ -457,10 +464,10 @@ def _undamped(K: Matrix, M: Matrix, outer: Contour, own: bool, carried: Carried,
 
 
 def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert, NormalModes] | None]:
-    """About the radius of a disc around 0 with so many eigenvalues, that of the undamped modes of K, or of K + lift M.
+    """The approximate radius of a disc around 0 with `number` eigenvalues, from undamped modes of K, or of K + lift M.
 
-    K's factor and modes are returned, since they serve the projection as well. Where friction or prestress makes K indefinite,
-    the lift is the lowest Rayleigh quotient of a uniform motion or a smooth shape that is not rounding, of the size of the lowest
+    K's factor and modes are returned as well, since the projection uses them. If friction or prestress makes K indefinite, the
+    lift is the lowest Rayleigh quotient above rounding among uniform motions and a smooth shape. It has the size of the lowest
     ω².
 
     Raises
@@ -480,16 +487,16 @@ def about_radius(pencil: Pencil, number: int) -> tuple[float, tuple[ShiftInvert,
         if not np.isfinite(lift):
             raise SingularMatrixError("no motion has both stiffness and mass") from None
         handle = ShiftInvert(sp.csr_array(K + lift * M), M)
-    # some modes more than half of the eigenvalues, for a radius that may grow
+    # a few modes more than half of the eigenvalues, because the radius may grow
     modes = lowest_modes(handle, min(number // 2 + 4, handle.elastic), evidence=False)
     return float(np.sqrt(max(modes.eigenvalues[-1] - lift, lift / 16))), None if lift else (handle, modes)
 
 
 @contextmanager
 def _none_strong(A: Sum, formed: Difference, D: Sum, re: Ends, factor: Handle) -> Iterator[Callable[[], tuple[bool, bool]]]:
-    """`signs` for the first d that are tried, by a process beside what is done inside.
+    """The result of `signs` for the first d, from a process that runs beside the body of the ``with`` statement.
 
-    Where there is no room for one, it is found before. The process has one of the cores.
+    If there is no memory for a process, the result is computed before the body. The process uses one of the cores.
     """
     if not D.nnz:
         yield lambda: (True, True)
@@ -512,20 +519,21 @@ def _allowed(share: float, re: Ends) -> Ends:
 
 def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, first: tuple[bool, bool],
             modes: int, most: int, whole: bool, shares: Sequence[float] = DAMPED) -> tuple[Array, Ends]:
-    """Shapes U (n, k) and the range of xᵀDx / xᵀAx wherever UᵀAx = 0; D symmetric; `first` is what `_none_strong` found.
+    """Shapes U (n, k) of strong damping, and the range of xᵀDx / xᵀAx for all x with UᵀAx = 0; D is symmetric.
 
-    Of too many there are none, and no end, if the basis may become the `whole` space.
+    `first` is the result of `_none_strong`. If there are too many shapes, and the basis may become the `whole` space, U is empty
+    and the range infinite.
 
     Raises
     ------
     NotConvergedError, NotEnoughMemoryError
-        Beside so many `modes` there are too many for `most` columns, or some are missed.
+        Together with the `modes` the shapes are more than `most`, or some shapes are missed.
     """
     none = np.zeros((A.shape[0], 0))
     if not D.nnz:
         return none, (0.0, 0.0)
     for tried, d in enumerate(_allowed(share, re) for share in shares):
-        definite = signs(A, D, d) if tried else first  # half of the time of an inertia
+        definite = signs(A, D, d) if tried else first  # takes half of the time of an inertia
         each = [0 if known else inertia(sp.csr_array(A.plus(sign / one, D)))
                 for one, sign, known in zip(d, (-1, 1), definite, strict=True)]
         number, ends = sum(each), (-d[1], d[0])
@@ -580,12 +588,12 @@ def _strong(A: Sum, D: Matrix | Sum, solve: Callable[[Array], Array], re: Ends, 
 def _bound(A: Sum, T: Matrix, solve: Callable[[Array], Array], sign: float, most: float = np.inf) -> float:
     """g with |xᴴTx| ≤ g xᴴAx of a symmetric or skew T, by Cholesky factors of gA ± T, or of the real form of gA + iT.
 
-    Infinite where it is larger than `most`.
+    Infinite if it is larger than `most`.
 
     Raises
     ------
     NotConvergedError
-        None was found.
+        No such g was found.
     """
     if not T.nnz:
         return 0.0

@@ -1,7 +1,9 @@
-"""The eigenpairs of a pencil from those of its projection on undamped modes, corrected outside and inside the basis in turn.
+"""The eigenpairs of a pencil, from the eigenpairs of its projection on undamped modes by corrections outside and inside the
+basis.
 
-The correction of a pair without a factor of P at its λ: outside the basis A⁻¹ takes the place of P(λ)⁻¹, inside the projection
-has it. The error falls in each sweep by about the share of P that A leaves out. A sweep in which it does not halve is slow.
+No pair needs a factor of P(λ): outside the basis A⁻¹ approximates P(λ)⁻¹, and inside the basis the eigenpairs of the projection
+give the inverse. Each sweep multiplies the error by about ‖A⁻¹(P - A)‖ outside the basis. A sweep that does not halve the error
+is slow.
 """
 
 from __future__ import annotations
@@ -22,15 +24,15 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
     from femsub.modes.quadratic.energy_basis import Coupling
 
-#: Relative distance below which eigenvalues are corrected together. Corrected apart, two that were 7e-4 from each other diverged,
-#: by a factor of 1 to 3 in each sweep; none did above 1e-3.
+#: Relative distance below which eigenvalues are corrected together. Two eigenvalues at a distance of 7e-4 diverged when corrected
+#: separately, by a factor of 1 to 3 in each sweep; above 1e-3 none diverged.
 TOGETHER = 1e-3
 
 
 def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Array, Array] | None:
-    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None where corrections do not converge.
+    """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None if corrections do not converge.
 
-    Where a fork helps, each process corrects at most `together` clusters at once: some twenty vectors of each are in use.
+    If a fork pays, each process corrects at most `together` clusters at once: each needs the memory of some twenty vectors.
     """
     values = small.each
     at = np.flatnonzero(small.contour.encloses(values) & (values.imag >= 0))
@@ -41,8 +43,8 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error
                  together: int = 16) -> Array | None:
     """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, up to a relative `error`.
 
-    None where they are not clearly those of these values: yᴴ((λ_i + λ_j)M + D)x vanishes for two different eigenvalues, and the
-    share of another mode in a left vector must stay below the error. A per cent is enough for error bars. `together` as above.
+    None if a left vector contains more than `error` of another mode. This is seen from yᴴ((λ_i + λ_j)M + D)x, which vanishes for
+    two different eigenvalues. One per cent is enough for error bars. `together` is as in `right_pairs`.
     """
     finite = np.flatnonzero(small.nu)
     at = finite[match(values, small.each[finite])[1]]
@@ -53,7 +55,7 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error
         return None
     Y = found[1]
     products = (Y.conj().T @ times(pencil.M, X)) * (values[:, None] + values) + Y.conj().T @ times(pencil.D, X)
-    for group in clusters(values, HALF):  # of equal eigenvalues any basis is valid: take the dual one
+    for group in clusters(values, HALF):  # equal eigenvalues: any basis is valid, take the dual one
         dual = np.linalg.inv(products[np.ix_(group, group)])
         Y[:, group], products[group] = Y[:, group] @ dual.conj().T, dual @ products[group]
     size = np.sqrt(np.abs(products.diagonal()))
@@ -65,9 +67,9 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error
 
 def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, left: float,
                together: int) -> tuple[Array, Array] | None:
-    """λ (k,) and X (n, k) of unit length from the eigenpairs `at` of VᵀPV; of Pᵀ, at the conjugates, up to the error `left` > 0.
+    """λ (k,) and X (n, k) of unit length, from the eigenpairs `at` of VᵀPV. With `left` > 0: those of Pᵀ at λ̄, to this error.
 
-    Those that are not near each other do not depend on each other, so a fork corrects half of them where that pays.
+    Distant eigenpairs are corrected independently, so a forked process corrects half of them if that saves time.
     """
     factor = _factor(small)
     if not fork_pays(factor, 10 * len(at)):  # each takes five sweeps or more, with two real columns
@@ -93,12 +95,12 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
 def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float, ...], at: Array, error_of_left: float
               ) -> tuple[Array, Array] | None:
-    """As `_corrected`, all at once. None where the corrections do not converge.
+    """As `_corrected`, for all pairs at once. None if the corrections do not converge.
 
-    X changes by V VᵀR - A⁻¹R outside V, R = P(λ)X, which would solve the problem if P were A there. The change inside V follows
-    from (VᵀPV)⁻¹ = Σ x_j z_jᴴ / (λ_j - s): λ_k changes by z_kᴴρ and x_k by -Σ x_j z_jᴴρ / (λ_j - λ_k), j ≠ k, where ρ is VᵀR
-    after the first change. Outside V, A⁻¹(A - P) is small, as the bound of the count shows. Eigenvalues near each other are
-    corrected as one, with a matrix S instead of λ: MXS² + DXS + KX = 0.
+    Outside V, X changes by V VᵀR - A⁻¹R, with R = P(λ)X. This would be exact if P were A there. The change inside V follows from
+    (VᵀPV)⁻¹ = Σ x_j z_jᴴ / (λ_j - s): λ_k changes by z_kᴴρ and x_k by -Σ x_j z_jᴴρ / (λ_j - λ_k), j ≠ k, where ρ is VᵀR after the
+    first change. The corrections converge because A⁻¹(A - P) is small outside V, as the bound of the count shows. Eigenvalues
+    near each other are corrected together, with a matrix S instead of λ: MXS² + DXS + KX = 0.
     """
     V, factor, left = small.basis.V, _factor(small), error_of_left > 0
     finite = np.flatnonzero(small.nu)
@@ -107,7 +109,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     at = np.searchsorted(finite, at)
     values = each[at]
     real = values.imag == 0
-    still = np.sqrt(2 * V.shape[1] * EPS) * small.unit  # rounding splits a double eigenvalue 0, that of rigid motion, by this
+    still = np.sqrt(2 * V.shape[1] * EPS) * small.unit  # rounding splits the double eigenvalue 0 of rigid motion by this
     if (np.abs(values) < still).any() or (~real & (np.abs(values.imag) < TOGETHER * np.abs(values))).any():
         return None
     S, X = np.diag(values), _complex(V @ _real(x[:, at]))
@@ -117,10 +119,10 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
     errors = _Errors(len(at))
     inner = [part.T if left else part for part in small.basis.matrices[::-1]]  # VᵀMV, VᵀDV and VᵀKV
-    # VᵀR is 0 at first, and the basis has what lies outside V
+    # VᵀR is 0 at first, and the basis knows A⁻¹R outside V
     step, rho = _complex(small.basis.residuals(values.conj() if left else values, x[:, at], left)), 0j * x[:, at]
     error, falls = np.ones((2, len(at)))
-    while True:  # until all are solved, or one is stuck
+    while True:  # until all pairs are solved, or one is stuck
         T, groups = S[np.ix_(here, here)], [np.flatnonzero(label[here] == group[0]) for group in among]
         after = rho + _applied(inner, rho, T, groups) - _complex(V.T @ _real(_applied(matrices, step, T, groups)))
         change, of_S = _change_inside(z.conj().T @ after, T, each, at[here], groups)
@@ -132,7 +134,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
             more &= falls * _lengths(moved) > error_of_left * _lengths(Xh)
         S[:, real], Xh[:, real[here]] = S[:, real].real, Xh[:, real[here]].real
         stay = np.isin(label[here], label[here[more]])
-        found[:, here[~stay]] = Xh[:, ~stay]  # this was the last correction of these
+        found[:, here[~stay]] = Xh[:, ~stay]  # the last correction of these pairs
         here, Xh = here[stay], Xh[:, stay]
         if not len(here):
             break
@@ -160,7 +162,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
 class _Errors:
     """Backward errors of pairs from sweep to sweep, and which pairs are solved or do not converge.
 
-    `slow` sweeps in which the error does not halve are let pass: those inside and outside the basis fall in turn at first.
+    Up to `slow` sweeps may fail to halve the error: at first the errors inside and outside the basis fall in turn.
     """
 
     def __init__(self, number: int, slow: int = 3) -> None:
@@ -168,7 +170,8 @@ class _Errors:
         self._slow, self._most = np.zeros(number, dtype=int), slow
 
     def add(self, here: Array, error: Array) -> Array:
-        """Takes the errors of these pairs, and returns by which factors the next sweep lowers them: as this one, or to a half."""
+        """Store the errors of the pairs `here`; return the factor expected of the next sweep: that of this one, at least 1/2.
+        """
         last = self._last[here]  # infinite at first
         self._slow[here] += ~(error < last / 2)
         self._last[here], self._least[here] = error, np.minimum(error, self._least[here])
@@ -176,12 +179,13 @@ class _Errors:
 
     @property
     def stuck(self) -> bool:
-        """Whether a pair does not converge."""
+        """Whether any pair does not converge."""
         return bool(((self._slow > self._most) & (self._last > ROUNDING)).any())
 
     @property
     def done(self) -> Array:
-        """Which pairs are solved. Rounding lets small errors rise and fall: one below `ROUNDING` that falls no more will do."""
+        """Which pairs are solved: the error is below `SUMS`, or it is below `ROUNDING` and no longer falls.
+        """
         lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * self._most)
         return (self._last <= SUMS) | (lowest & (self._last < ROUNDING))
 
@@ -193,10 +197,10 @@ def _applied(matrices: Sequence[Matrix], X: Array, T: Array, groups: list[Array]
 
 
 def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: list[Array]) -> tuple[Array, Array]:
-    """The change of X in the eigenvectors of VᵀPV, shape (len(each), k), and that of S (k, k); `inside` is zᴴVᵀP(λ)X.
+    """The changes of X in eigenvectors of VᵀPV, shape (len(each), k), and of S (k, k); `inside` is zᴴVᵀP(λ)X.
 
-    Column k belongs to the eigenvalue each[own[k]], a column of a group to all of the group's. Components along a column's own
-    eigenvectors change S. Those along all others change X.
+    Column k belongs to the eigenvalue each[own[k]], a column in a group to all eigenvalues of the group. Components along a
+    column's own eigenvectors change S. Components along all other eigenvectors change X.
     """
     alone = np.setdiff1d(np.arange(len(own)), np.concatenate([[], *groups]).astype(int))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -218,12 +222,12 @@ def _factor(small: Coupling) -> Handle:
 
 
 def _lengths(A: Array) -> Array:
-    """The lengths of complex columns."""
+    """Euclidean lengths of complex columns."""
     return np.sqrt(np.einsum("ij,ij->j", A.real, A.real) + np.einsum("ij,ij->j", A.imag, A.imag))
 
 
 def _times(A: Array, T: Array, groups: list[Array]) -> Array:
-    """A T of a matrix T that is diagonal but for these blocks."""
+    """The product A T, for a matrix T that is diagonal except for the blocks of the `groups`."""
     product = A * T.diagonal()
     for group in groups:
         product[:, group] = A[:, group] @ T[np.ix_(group, group)]

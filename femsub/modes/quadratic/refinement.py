@@ -31,12 +31,12 @@ from femsub.modes.quadratic.energy_basis import EnergyBasis, terms_of
 from femsub.modes.quadratic.full_solve import ByParts, ByWhole, solve_of
 from femsub.modes.quadratic.matching import HALF, assigned, pair_costs
 
-APART = 0.1  # relative distance of λ from which on two refined modes are never one pair, however inaccurate the reduced model
+APART = 0.1  # two refined modes with a larger relative distance of λ are never compared as one space
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Refined:
-    """Complex modes of the full model, refined by `refine` from those of a reduced model; k of them.
+    """Complex modes of the full model, refined by `refine` from k complex modes of a reduced model.
 
     Attributes
     ----------
@@ -49,17 +49,17 @@ class Refined:
     moved : ndarray, shape (k,)
         |λ_full - λ_reduced|, the error of the reduced result; NaN if there is no counterpart, see `lost`.
     overlap : ndarray, shape (k,)
-        The share of the reduced shape's energy that it has in common with the refined shape, 0 to 1. Modes that lie closer
-        together than the reduced model is accurate, as the double ones of a disc, are compared as one space: within it their
+        The share of the reduced shape's energy that it has in common with the refined shape, 0 to 1. Modes whose λ are closer
+        together than the error of the reduced model, such as double modes of a disc, are compared as one space: within it their
         shapes are arbitrary.
     merged : tuple of (i, j)
         Rows i and j of the reduced modes lead to the same mode of the full model; j is also `lost`.
     lost : ndarray of bool, shape (k,)
         The refined mode has less than half of the reduced shape: the full model has no such mode.
     steps, factorisations, solves : int
-        Number of iterations, of factorisations made for it (0 if those of earlier calls served), and of right-hand sides solved.
+        Number of iterations, of factorisations (0 if factors of earlier calls were used), and of right-hand sides solved.
     whole : str
-        Why the whole of a system was factorised; empty if the factors of its parts served.
+        Why the whole of a system was factorised; empty if the factors of its parts were used.
 
     Examples
     --------
@@ -104,9 +104,9 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     join the reduction basis, and λ and x come from the pencil projected on it (Voss's nonlinear Arnoldi method, in a
     block). Then only components with Ω above the basis' cut-off remain.
 
-    Of a system under belts the whole is not factorised. A⁻¹ is made of the factors of its parts with their interfaces held, which
-    Craig-Bampton and Hurty have made already, and of a dense matrix for the DOF between the parts (see `ByParts`). Where that
-    cannot be done, ``.whole`` says why, and the whole is factorised.
+    A system under belts is not factorised as a whole. A⁻¹ consists of the factors of its parts with their interfaces held, which
+    Craig-Bampton and Hurty have already computed, and of a dense matrix for the DOF between the parts (see `ByParts`). If that is
+    not possible, the whole is factorised, and ``.whole`` gives the reason.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     modes : ComplexModes
         `complex_modes(rom, contacts)`, by count or by band.
     rom : ReducedSubstructure, or System
-        The reduced model; of a full system also the same parts joined, each reduced by a method of its own.
+        The reduced model; for a full system also a system of the same parts, each reduced by its own method.
     contacts : contact, or sequence of contacts, optional
         As for `modes`. The stiffness of contacts between surfaces joins K in A, without their friction.
     which : sequence of int, optional
@@ -140,7 +140,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     Warns
     -----
     FemsubWarning
-        Reduced modes without a counterpart in the full model, or with the same one.
+        Reduced modes have no counterpart in the full model, or two have the same counterpart.
 
     References
     ----------
@@ -180,7 +180,7 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
     error = np.where(still, 0.0, np.inf)
     for step in range(steps + 1):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConditionWarning)  # of digits that K lacks: it is a projection here
+            warnings.simplefilter("ignore", ConditionWarning)  # about missing digits of K, which is a projection here
             K, D, M = space.matrices
             small, xs, ys = dense.solve(Pencil(M, D, K))
         at, taken = _matched(values, q, small, xs, still)
@@ -230,10 +230,10 @@ def refine(full: Substructure, modes: ComplexModes, rom: ReducedSubstructure | S
 
 
 def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> tuple[Matrix, ByWhole | ByParts]:
-    """K with the symmetric stiffness of contacts without friction, which presses surfaces together, and its solutions.
+    """K plus the symmetric contact stiffness without friction, which presses surfaces together, and its solver.
 
-    Friction is what a contact calls mu. Where that K is not positive definite, the one without contacts takes its place; the
-    refinement is slower then.
+    Friction is the parameter mu of a contact. If this K is not positive definite, the K without contacts is used; the refinement
+    is slower then.
     """
     if pencil.K is full.K:
         return full.K, solve_of(full, rom, full.K)
@@ -246,7 +246,7 @@ def _held(full: Substructure, rom: Any, pencil: Pencil, contacts: Contacts) -> t
 
 
 class _Space(EnergyBasis):
-    """The basis that grows by corrections, orthonormal in A of `by`, and the pencil's terms on it."""
+    """The basis that grows by corrections, orthonormal in the A of `by`, and the pencil's terms on it."""
 
     def __init__(self, pencil: Pencil, K: Matrix, by: ByWhole | ByParts) -> None:
         self.by, self.solves = by, 0
@@ -272,9 +272,9 @@ class _Space(EnergyBasis):
 
 
 def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> Array:
-    """The share of each starting shape in the space of the refined modes that the reduced model does not separate from it, (k,).
+    """The share (k,) of each starting shape in the span of the refined modes that the reduced model does not separate from it.
 
-    `own` are the modes that are nobody's twin.
+    `own` marks the modes that are no twin of another mode.
     """
     unit, found = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300), np.zeros(len(values))
     for i, value in enumerate(values):
@@ -287,7 +287,7 @@ def _shares(start: Array, q: Array, values: Array, moved: Array, own: Array) -> 
 
 
 def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> tuple[Array, Array]:
-    """One Ritz pair for each mode of the previous step, by shape and distance; and which modes collide with a better match."""
+    """One Ritz pair for each mode of the previous step, by shape and distance; and which mode has taken its best pair (or -1)."""
     unit = q / np.maximum(np.linalg.norm(q, axis=0), 1e-300)
     shapes = np.abs(unit.conj().T @ (xs / np.maximum(np.linalg.norm(xs, axis=0), 1e-300))) ** 2
     cost = pair_costs(values, small, shapes, weight=1.0, far=1.0)
@@ -298,7 +298,7 @@ def _matched(values: Array, q: Array, small: Array, xs: Array, still: Array) -> 
     best = cost.argmin(axis=1)
     for i in rows[~still]:
         taken = np.flatnonzero((at == best[i]) & ~still)
-        if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + 0.5:  # half of a shape, as for `Refined.lost`
+        if best[i] != at[i] and len(taken) and cost[i, at[i]] > cost[i, best[i]] + 0.5:  # half a shape, as for `Refined.lost`
             twin[i] = int(taken[0])
     return at, twin
 

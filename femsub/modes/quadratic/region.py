@@ -31,7 +31,7 @@ class Contour:
 
     @property
     def re(self) -> tuple[float, float]:
-        """The least and the largest Re λ, 0 among them."""
+        """The smallest and the largest Re λ; 0 lies between them."""
         a, b, _ = self.sides or (-self.radius, self.radius, 0.0)
         return min(a, 0.0), max(b, 0.0)
 
@@ -56,7 +56,7 @@ class Contour:
         return "{:.6g} < Re λ < {:.6g}, |Im λ| < {:.6g}".format(*self.sides)
 
     def encloses(self, values: Array) -> Array:
-        """Which values lie inside, conjugates as well, bool."""
+        """Which values lie inside, bool; a value and its conjugate get the same answer."""
         if self.sides is None:
             return np.abs(values) < self.radius
         a, b, hi = self.sides
@@ -69,7 +69,7 @@ def listed(values: Array) -> int:
 
 
 def sizes_up_to(values: Array, count: int) -> tuple[Array, int]:
-    """|λ| of those with Im λ ≥ 0, ascending, and the place of the last of the `count` nearest to 0, conjugates included."""
+    """|λ| of the values with Im λ ≥ 0, ascending, and the index of the last of the `count` nearest to 0, conjugates included."""
     upper = values[values.imag >= 0]
     upper = upper[np.argsort(np.abs(upper), kind="stable")]
     return np.abs(upper), int(np.searchsorted(np.cumsum(1 + (upper.imag != 0)), count))
@@ -79,28 +79,28 @@ def sizes_up_to(values: Array, count: int) -> tuple[Array, int]:
 class Count:
     """`number` eigenvalues lie inside the contour, conjugates included, by an independent count.
 
-    `values` are nearly all of them, where they are known.
+    `values` are approximate eigenvalues of the pencil, also outside the contour; empty if the count was made without them.
     """
 
     contour: Contour
     number: int
     values: Array = field(repr=False)
-    size: int  #: of the small problem
-    margin: float  #: 1 is the limit of the theorem
+    size: int  #: of the projected problem
+    margin: float  #: bound of the coupling; the theorem needs less than 1
 
     @property
     def disc(self) -> tuple[float, int] | None:
-        """The radius of a disc, and the number."""
+        """The radius of the disc and the number of eigenvalues in it; None for a rectangle."""
         return (self.contour.radius, self.number) if self.contour.sides is None else None
 
     def tally(self, values: Array) -> Tally:
-        """What a search has found inside, by λ with Im λ ≥ 0, against the number."""
+        """The number of eigenvalues that a search has found inside, from its λ with Im λ ≥ 0, and the counted number."""
         return Tally(listed(values[self.contour.encloses(values)]), self.number)
 
 
 @dataclass(frozen=True)
 class Region:
-    """`count` eigenvalues nearest to 0, or those in the rectangle `box`; all where both are None."""
+    """`count` eigenvalues nearest to 0, or the eigenvalues in the rectangle `box`; all if both are None."""
 
     count: int | None = None
     box: Box | None = None
@@ -129,13 +129,14 @@ class Region:
         return order[:self.count + split]
 
     def upper(self, values: Array) -> Array:
-        """Indices of those values, Im λ ≥ 0, that are in the region or whose conjugates are, ascending."""
+        """Ascending indices of the values, Im λ ≥ 0, that lie in the region or whose conjugates lie in it."""
         pairs = np.flatnonzero(values.imag > 0)
         every = np.append(values, values[pairs].conj())
         return np.unique(np.append(np.arange(len(values)), pairs)[self.listed(every)])
 
     def beside(self, values: Array) -> Array:
-        """The same with some that may be in it once they are known better: four by number, or a hundredth beside the box."""
+        """`upper` of a region with four more values, or a box wider by 1 %: corrections may move these into the region.
+        """
         if self.box is None:
             return replace(self, count=(self.count or len(values)) + 4).upper(values)
         a, b, lo, hi = self.box
@@ -144,7 +145,7 @@ class Region:
 
     @property
     def radius(self) -> float:
-        """Of the disc around 0 that holds the box, whose edges may move out by 2 %."""
+        """The radius of a disc around 0 that contains the box, even if its edges move out by 2 %."""
         a, b, _, hi = self.box or (0.0, 0.0, 0.0, np.inf)
         return 1.03 * float(np.hypot(max(abs(a), abs(b)), hi))
 

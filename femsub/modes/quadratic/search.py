@@ -1,9 +1,9 @@
 """The eigenpairs in a region of the spectrum: all by LAPACK, or some, until an independent count shows that none is missing.
 
-The count is that of a projection on undamped modes with its bound (`projected_count`), for any damping. It gives the eigenpairs
-as well: each is corrected until it solves the full problem, and none is listed twice. Where no projection can count, LAPACK finds
-all eigenvalues of a model that is small enough. Of a larger one PEP searches for those nearest to 0. Then inertia alone counts
-those of a part with proportional damping, or of one that turns without damping.
+The count comes from a projection on undamped modes with an error bound (`projected_count`), for any damping. The projection gives
+the eigenpairs as well: each is corrected until it solves the full problem, and none is listed twice. If no projection can count,
+LAPACK finds all eigenvalues of a model that is small enough. In a larger model PEP searches for the eigenvalues nearest to 0.
+Then only inertia can count: for a part with proportional damping, or an undamped rotating part.
 """
 
 from __future__ import annotations
@@ -46,14 +46,15 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-KEPT = 200_000  # DOF up to which a `count` of eigenvalues is counted unasked, for its second factor takes memory
-ROOM = 0.02  # of the top of a box: how far its edges may move out, to keep clear of eigenvalues
+KEPT = 200_000  # DOF up to which a `count` is proved by default; in larger models the second factor takes too much memory
+ROOM = 0.02  # share of a box's top by which its edges may move out, to keep clear of eigenvalues
 FEWER = "too few eigenvalues in the disc"
 
 
 class SearchResult(NamedTuple):
-    """λ (k,), X and Y (n, k), including all in the region; the evidence of completeness, with the count if there is
-    one; and all λ that were found, also outside the region.
+    """λ (k,), X and Y (n, k), including all eigenpairs in the region.
+
+    `known` are all λ found, also outside the region. `tally` and `counted` are the evidence that no eigenvalue is missing.
     """
 
     values: Array
@@ -67,7 +68,7 @@ class SearchResult(NamedTuple):
 def search(pencil: Pencil, region: Region, evidence: bool | None, projection: Projection | None = None) -> SearchResult:
     """The eigenpairs in a region, by LAPACK if that is faster, or if most eigenvalues are wanted. Multipliers are projected out.
 
-    A `projection` that other values of a parameter share counts, if it can.
+    A given `projection`, which several values of a parameter share, is tried first for the count.
     """
     freed = pencil.freed
     given, pencil = pencil, pencil if freed is None else freed.pencil
@@ -102,7 +103,7 @@ def _all(pencil: Pencil, region: Region, given: Pencil) -> SearchResult:
                                "the scaling of M, D and K")
     if not pencil.is_sparse or region.is_all:
         return SearchResult(values, X, Y, values, Tally(len(values), number))
-    at = region.listed(values)  # those that are asked for are mended
+    at = region.listed(values)  # only requested eigenpairs are corrected
     at = at[values[at].imag >= 0]
     better = mended(pencil, values[at], X[:, at], Y[:, at])
     every, X, Y = values.copy(), X.astype(complex), Y.astype(complex)
@@ -115,7 +116,7 @@ def _all(pencil: Pencil, region: Region, given: Pencil) -> SearchResult:
 
 
 def _some(given: Pencil, region: Region, evidence: bool | None, projection: Projection | None) -> SearchResult | None:
-    """The eigenpairs in a region of a sparse or large pencil; None where LAPACK is to find all of them.
+    """The eigenpairs in a region of a sparse or large pencil; None if LAPACK has to find all eigenpairs.
 
     Warns
     -----
@@ -123,10 +124,10 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
         No count was possible; with the reason.
     """
     sparse = given.sparse()
-    pencil = sparse.alike()  # DOF of similar size
-    small = not given.is_sparse or given.size <= QUADRATIC  # enough for LAPACK, if there is no count
+    pencil = sparse.alike()  # with DOF scaled to similar size
+    small = not given.is_sparse or given.size <= QUADRATIC  # small enough for LAPACK, if there is no count
     wanted = small or (evidence if evidence is not None else region.box is not None or pencil.size <= KEPT)
-    # count, and with it the pairs
+    # the count, and the eigenpairs from it
     count, pairs, why = None, None, ""
     if wanted:
         for _ in range(2):
@@ -138,7 +139,7 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
         why = f"the model has {pencil.size} DOF, and above {KEPT} none is made unasked, because of its second factor"
     if pairs is None and small:
         return None
-    # else a search: only one where nobody can check it, unless it is asked for
+    # else PEP searches. If a count was tried by default and failed, it searches once, since nothing checks the result
     problem = None
     if pairs is None:
         log.debug("quadratic problem of %d DOF: eigenvalues by PEP", pencil.size)
@@ -147,14 +148,15 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
     else:
         values, X = pairs
     tally = Tally(listed(values)) if count is None else count.tally(values)
-    # correct where an error beside ‖D‖ may be large: two digits of λ where d_ii is a hundred times sqrt(m_ii k_ii)
+    # correct pairs where an error that is small relative to ‖D‖ may be large for λ: two digits are lost where d_ii is a hundred
+    # times sqrt(m_ii k_ii)
     at, done, left = region.beside(values), np.zeros(len(values), dtype=bool), np.zeros(X.shape, dtype=complex)
     mass, damping, stiffness = (np.abs(part.diagonal()) for part in (pencil.M, pencil.D, pencil.K))
     if small or (pencil.size <= KEPT and (damping > 100 * np.sqrt(mass * stiffness)).any()):
         better = mended(pencil, values[at], X[:, at], left[:, at])
         values, X = values.copy(), X.astype(complex)
         values[at], X[:, at], left[:, at], done[at] = better.values, better.X, better.Y, better.done
-        # once more: a λ far off may have been counted in place of another one, or be none
+        # again: a λ that was far off may have been counted in place of another one, or may be no eigenvalue
         tally = tally if count is None else count.tally(values)
         tally = replace(tally, listed=tally.listed - int(better.vague.sum()))
     if small and tally.counted != tally.listed:
@@ -162,7 +164,7 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
     if tally.counted is None and why:
         warn(f"no count shows that no eigenvalue is missing: {why}. " + (
             "Give evidence=True" if not wanted else "Ask for a lower band, or reduce the model"), FemsubWarning)
-    # left vectors of those that are listed, and conjugates
+    # left vectors of the listed eigenvalues, and conjugates
     known = values if count is None else np.append(values, count.values[~count.contour.encloses(count.values)])
     taken = region.upper(values)
     values, X, left, done = values[taken], X[:, taken], left[:, taken], done[taken]
@@ -183,7 +185,7 @@ def _some(given: Pencil, region: Region, evidence: bool | None, projection: Proj
 
 
 def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> tuple[Projection | None, Count | None, str]:
-    """A projection and its count in a contour around the region, or why there is none. A given one is tried first."""
+    """A projection and its count in a contour around the region, or the reason for none. A given projection is tried first."""
     outer = _around(region.box) if region.box is not None else Contour()
     inside = partial(_inside, region, outer)
     if projection is not None:
@@ -197,9 +199,9 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
     try:
         if region.box is None:
             radius, modes = about_radius(pencil, region.count or 0)
-        # two eigenproblems of a projection, the usual number, cost no more than all eigenvalues by LAPACK
+        # a projection usually takes two eigenproblems; with this limit they cost no more than all eigenvalues by LAPACK
         most = int(pencil.size * 0.5 ** (1 / 3)) if pencil.size <= QUADRATIC else QUADRATIC
-        for wider in (1.0, 1.25, 1.5):  # a disc that may hold too few; the first is mostly wide enough
+        for wider in (1.0, 1.25, 1.5):  # the disc may contain too few eigenvalues; the first is mostly wide enough
             if region.box is None:
                 outer = Contour(wider * radius)
             projection = Projection(pencil, outer, most, lowest=modes)
@@ -216,11 +218,11 @@ def _counted(pencil: Pencil, region: Region, projection: Projection | None) -> t
 
 
 def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: float = ROOM) -> Contour:
-    """The contour that is counted in, between eigenvalues of the projection: just behind the nearest, or around the box.
+    """The contour for the count, between eigenvalues of the projection: just beyond the nearest ones, or around the box.
 
-    Parameters move each of them by up to `moved`.
+    Parameters move each eigenvalue by up to `moved`. An edge of a box moves out by up to `room`.
 
-    LinAlgError, as where there is no projection, if the disc has fewer. An edge of a box moves out by up to `room`.
+    Raises LinAlgError, as if there were no projection, if the disc has fewer eigenvalues than wanted.
     """
     if region.box is None:
         size, last = sizes_up_to(values[outer.encloses(values)], region.count or 0)
@@ -234,7 +236,7 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: f
     def best(edges: Array, coordinates: Array, beside: Array) -> float:
         distance = np.hypot(edges[:, None] - coordinates, np.maximum(beside, EPS * hi))
         near = room * hi / 40 / distance.min(axis=1, initial=np.inf) + (moved / distance).sum(axis=1)  # moves add up
-        return float(edges[np.argmax(near <= 1.1 * near.min()) if moved.any() else np.argmin(near)])  # the nearest of good ones
+        return float(edges[np.argmax(near <= 1.1 * near.min()) if moved.any() else np.argmin(near)])  # the nearest good edge
 
     above, off = upper.imag - hi, np.maximum(a - upper.real, upper.real - b)
     return Contour(sides=(best(a - moves, upper.real, above), best(b + moves, upper.real, above),
@@ -242,9 +244,10 @@ def _inside(region: Region, outer: Contour, values: Array, moved: Array, room: f
 
 
 def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Region) -> tuple[Array, Array] | None:
-    """All eigenpairs inside the contour from those of the projection, if as many as it counts are solved for.
+    """All eigenpairs inside the contour, corrected from those of the projection; None if their number is not the count.
 
-    Where the wanted number ends inside a cluster, the contour is below that, and the cluster joins them.
+    If the wanted number ends inside a cluster, the contour of the count lies below the cluster, whose pairs are corrected as
+    well.
     """
     small = copy(projection.counted)
     if small is not None:
@@ -255,7 +258,7 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
             small.contour = Contour(max(small.contour.radius, float(beyond)))
         with suppress(LinAlgError, NotEnoughMemoryError):
             found = right_pairs(small, pencil)
-            found = None if found is None else distinct(*found)  # two may have come to one eigenvalue
+            found = None if found is None else distinct(*found)  # two may have become the same
             if found is not None and count.tally(found[0]).listed == count.number:
                 return found
             log.info("corrections of the %d eigenpairs of the projection do not converge", count.number)
@@ -263,7 +266,10 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
 
 
 def _widened(projection: Projection) -> bool:
-    """Whether residuals of the eigenpairs in the last contour join V: friction outside V may keep corrections from converging."""
+    """Extend V by residuals of the eigenpairs in the last contour; return whether it has grown.
+
+    Friction that acts outside V may keep corrections from converging.
+    """
     small = projection.counted
     if small is None:
         return False
@@ -279,15 +285,15 @@ def _widened(projection: Projection) -> bool:
 
 def projection_over(reference: Pencil | tuple[Affine, Array], changes: Sequence[Varied], box: Box, room: float = ROOM,
                     kept: bool = False) -> Projection:
-    """One projection that counts in a rectangle for all values of parameters, which make these changes of a pencil.
+    """One projection that counts in a rectangle for all values of the parameters that make these changes of a pencil.
 
-    `search` takes it where it is `Projection.changed` for a value, and the reference has the units of that value's pencil. A
-    family with its factors is formed for a while only. `kept` is that of `Projection`.
+    For one value, `search` takes its `Projection.changed`, if that value's pencil has the units of the reference. A reference
+    given as a family with its factors is formed only temporarily. `kept` is as in `Projection`.
 
     Raises
     ------
     SingularMatrixError, MissedModesError, NotConvergedError, NotEnoughMemoryError
-        There is none, see `Projection`.
+        No projection exists, see `Projection`.
     """
     pencil = reference[0].weighted(reference[1], by_slabs=True) if isinstance(reference, tuple) else reference
     if pencil.freed is not None:
@@ -300,16 +306,16 @@ def projection_over(reference: Pencil | tuple[Affine, Array], changes: Sequence[
     sums, held = None, [alike]
     if isinstance(reference, tuple) and pencil.is_sparse and all(pencil.symmetric):
         sums = reference[0].sums(reference[1], unit)
-    del pencil, sparse, alike  # Python holds the arguments of a call until it returns: the projection takes the pencil itself
+    del pencil, sparse, alike  # Python holds the arguments of a call until it returns: so the projection pops the pencil
     found = Projection(held.pop, _around(box, room), min(len(unit), QUADRATIC), changes, kept=kept, sums=sums)
     found.unit = unit
     return found
 
 
 def count_over(projection: Projection, box: Box, room: float = ROOM) -> Count | None:
-    """The number of eigenvalues in a contour around a rectangle, for all changes θ ± half of the projection; None without.
+    """The number of eigenvalues in a contour around a rectangle, for all changes θ ± half of the projection; None if not proved.
 
-    Edges may move out by up to `room` times its top, into gaps between eigenvalues that parameters move.
+    Edges may move out by up to `room` times the top of the box, into gaps between eigenvalues as parameters move these.
     """
     return projection.on(partial(_inside, Region(box=box), _around(box, room), room=room))
 

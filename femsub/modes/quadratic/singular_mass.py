@@ -1,8 +1,8 @@
 """All eigenvalues of a small pencil whose M is singular or not definite: infinite eigenvalues are removed before QZ.
 
-QZ would list them as finite, of any size and sign: if rounding fills up an M of rank r, it has 2n - 2r very large eigenvalues
-instead of infinite ones. The remaining pencil, or one that cannot be split, goes to QZ in companion form, scaled as proposed
-by Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
+QZ would return infinite eigenvalues as finite ones of any size and sign: rounding makes an M of rank r regular, with 2n - 2r very
+large eigenvalues instead of infinite ones. The remaining pencil, or a pencil that cannot be split, is solved by QZ in companion
+form, scaled as proposed by Fan, Lin and Van Dooren (SIAM J. Matrix Anal. Appl. 26 (2004) 252).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from femsub.model import RigidMotion
 
 REGULAR = 1e12  # condition up to which a matrix is inverted
-UNSURE = 8.0  # factor about the limit of a rank within which a singular value may be rounding or not
+UNSURE = 8.0  # a singular value within this factor of the limit of a rank may be rounding or not
 Eigenpairs: TypeAlias = tuple[Array, Array, Array]  # λ (k,), right and left shapes (n, k) of unit length
 Solver: TypeAlias = Callable[[Pencil], Eigenpairs]  # of a pencil with a regular M
 
@@ -54,10 +54,11 @@ class Parts:
 def parts_of(pencil: Pencil) -> Parts:
     """The coordinates with mass, with damping alone, and with neither.
 
-    DOF without mass stay as they are: among their own damping, small beside that of others, no rounding of others comes in.
+    DOF without mass are not mixed with others. So a small damping among them gets no rounding errors from a larger damping
+    elsewhere.
     """
-    # scales that make the entries of M similar in size, so that its rank is clear; without mass, the pencil's scales. The common
-    # factor between the two kinds comes from the DOF that have both
+    # DOF with mass get scales that make the entries of M similar in size, so that its rank is clear; DOF without mass get the
+    # pencil's scales. The common factor between the two kinds comes from the DOF with mass, which have both
     moves = pencil.M.any(axis=1), pencil.M.any(axis=0)
     rows, columns = (np.where(on, own, unit * 2.0 ** np.rint(np.median(np.log2(own[on] / unit[on])))) if on.any() else unit
                      for own, unit, on in zip(equilibration(pencil.M), pencil.units, moves, strict=True))
@@ -72,7 +73,7 @@ def parts_of(pencil: Pencil) -> Parts:
     U, V = (np.zeros((n, n)) for _ in range(2))
     U[np.ix_(own, np.arange(len(own)))], V[np.ix_(own, np.arange(len(own)))] = left, right
     U[np.flatnonzero(bare), np.arange(len(own), n)] = V[np.flatnonzero(bare), np.arange(len(own), n)] = 1.0
-    # null vectors that are DOF are exact; others are known to a rounding over the smallest mass
+    # null vectors that are single DOF are exact; the error of others is rounding relative to the smallest mass
     doubt = np.full((n - rank, n - rank), np.sqrt(n) * SUMS * np.linalg.norm(D, 2))
     if 0 < rank < len(own):
         doubt *= np.abs(mass[0] / mass[rank - 1])
@@ -85,7 +86,8 @@ def parts_of(pencil: Pencil) -> Parts:
 def _decomposed(A: Array) -> tuple[Array, Array, Array]:
     """A = L diag(s) Rᵀ with orthonormal L and R, |s| descending; L = R if A is symmetric, then s may be negative.
 
-    s is diag(LᵀAR): LAPACK's own s carry several roundings of the largest, which would hide whether the least are 0.
+    s is computed as diag(LᵀAR): LAPACK's own s have errors of several roundings of the largest s, which would hide whether the
+    smallest are 0.
     """
     if np.array_equal(A, A.T):
         left = right = la.eigh(A)[1] if len(A) else A
@@ -98,22 +100,23 @@ def _decomposed(A: Array) -> tuple[Array, Array, Array]:
 
 
 def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
-    """How many singular values are more than rounding of `whole`, and whether none is near that limit."""
+    """The number of singular values that are above the rounding of `whole`, and whether none is near that limit."""
     limit, size = max(least, len(sizes) * EPS) * whole, np.abs(sizes)
     return int(np.count_nonzero(size > limit)), not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
 
 
 def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[Array, Array, bool]:
-    """UᵀAV with 0 for rounding of its sum, or what is as small as `doubt`; that limit; and whether no entry is near it."""
+    """UᵀAV with 0 for entries within rounding or `doubt`; this limit, entry by entry; and whether no entry is near it."""
     found = U.T @ A @ V
     size, limit = np.abs(found), np.maximum(doubt, SUMS * (np.abs(U).T @ np.abs(A) @ np.abs(V)))
     return np.where(size > limit, found, 0.0), limit, not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
 
 
 def _split(U: Array, A: Array, V: Array, doubt: Array | float) -> tuple[Array, Array, Array, int, bool]:
-    """L, s, R with LᵀUᵀAVR = diag(s), and how many |s|, the first, are more than rounding; whether none is near that limit.
+    """L, s, R with LᵀUᵀAVR = diag(s), the number of |s|, the first, above rounding, and whether none is near that limit.
 
-    L and R are not orthonormal: rows and columns are scaled to one size, in which small entries are no rounding of large ones.
+    L and R are not orthonormal: rows and columns are first scaled to similar size, so that large entries do not drown small ones
+    in their rounding.
     """
     block, noise, sure = _between(U, A, V, doubt)
     r, c = equilibration(block)
@@ -195,11 +198,11 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
 
 
 def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpairs:
-    """Eigenpairs without the rigid motion, which is at λ = 0 exactly: QZ would return that as numbers of any sign.
+    """All eigenpairs of a pencil with rigid motion, which gets λ = 0 exactly. QZ would return small numbers of any sign instead.
 
-    M and D are symmetric. With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y.
-    y are the DOF but a few that hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every λ ≠ 0. What is
-    left has K in y alone. Where there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
+    M and D are symmetric. With K Z = 0, and D Z_f = 0 for the free motions Z_f of Z = [Z_f Z_d], let x = Z_f c + Z_d d + E y. y
+    are all DOF except a few whose support would hold the model. The rows of c give c = -(Z_fᵀMZ_f)⁻¹Z_fᵀM (Z_d d + E y) for every
+    λ ≠ 0. The remaining pencil has stiffness in y alone. If there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
     """
     Z, free, n = motion.shapes, motion.free, pencil.size
     heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
@@ -218,7 +221,7 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
         share, size = (momentum @ T).T @ drift, np.abs(Z[:, :free]).T @ np.abs(pencil.M) @ np.abs(T)
         size = size.T @ np.abs(inverse) @ size
         M = np.where(np.abs(M + share) > SUMS * size, M + share, 0.0)
-        rank = rank_of_mass(pencil.M) - free  # of what is left rounding would hide it, which is that of the whole
+        rank = rank_of_mass(pencil.M) - free  # from the whole M: rounding would hide the rank of the rest
         R = factor_of_mass(M, min(max(rank, 0), int(np.count_nonzero(M.diagonal() > 0))), size.diagonal())[0]
         M = R.T @ R if (np.abs(M - R.T @ R) <= size / REGULAR).all() else M
         T = T + Z[:, :free] @ drift
@@ -235,9 +238,9 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
 def finite(pencil: Pencil) -> int | None:
     """The number of finite eigenvalues of a dense pencil; None if it depends on rounding, or on a constraint of velocities.
 
-    It is 2n for a regular M, else 2 rank M + rank of D on the null space of M, if K_bb is regular where both are 0, and so is
-    M₁₁ - D_1b K_bb⁻¹ D_b1 on the rest. Multipliers are projected out, and the rank r of M on the motions that they leave is
-    confirmed by rank [[M, C], [B, 0]] = r + 2 (multipliers).
+    It is 2n for a regular M, else 2 rank M + rank of D on the null space of M. This requires a regular K_bb, the stiffness where
+    M and D are both 0, and a regular M₁₁ - D_1b K_bb⁻¹ D_b1. Multipliers are projected out. The rank r of M on the motions that
+    they allow is confirmed by rank [[M, C], [B, 0]] = r + 2 (multipliers).
     """
     if (freed := pencil.freed) is not None:
         M = pencil.M + 0.0
@@ -263,7 +266,7 @@ def finite(pencil: Pencil) -> int | None:
 
 
 def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
-    """The `number` smallest λ of A - λB, left and right vectors; one less rather than half of a pair of conjugates."""
+    """The `number` smallest λ of A - λB, left and right vectors; one less if a conjugate pair would be split."""
     rows, columns = equilibration(abs(A) + abs(B))
     A, B = scaled(A, rows, columns), scaled(B, rows, columns)
     (alpha, beta), left, right = la.eig(A, B, left=True, right=True, homogeneous_eigvals=True, check_finite=False)
@@ -284,7 +287,8 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
 
 
 def qz_of(pencil: Pencil, drifting: int = 0) -> Eigenpairs:
-    """By QZ on the companion form, states (q, q̇). The first `drifting` DOF have no stiffness, and of these q̇ alone is a state."""
+    """Eigenpairs by QZ on the companion form, states (q, q̇); only q̇ for the first `drifting` DOF, which have no stiffness.
+    """
     rows, columns = pencil.units
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
     mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))

@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 # Attempts: tolerance, increment of the random seed, relative increment of the number asked for. TOAR's error estimate is
-# optimistic, by five digits at 1e-12 if K is singular. If it fails while reordering a Schur form with equal eigenvalues,
-# another start and a larger space usually succeed.
+# optimistic, by five digits at 1e-12 if K is singular. If TOAR fails while reordering a Schur form with equal eigenvalues,
+# another start vector and a larger space usually succeed.
 ATTEMPTS = ((1e-14, 0, 0.0), (1e-12, 0, 0.0), (1e-12, 100, 0.15), (1e-12, 200, 0.3))
 
 
 class Shifted:
-    """The factor of P(σ) of a sparse pencil and a scale for λ. σ = 0 if K is regular, else a small positive shift."""
+    """The factor of P(σ) for a sparse pencil, and a scale for λ. The shift σ is 0 if K is regular, else small and positive."""
 
     def __init__(self, pencil: Pencil) -> None:
         self.pencil = pencil
         self.shift = 0.0
-        self.searches = 1  # from different starts, so far
+        self.searches = 1  # number of start vectors used so far
         self.rigid: Array = np.zeros((pencil.size, 0))
         symmetric = pencil.symmetric[0] and pencil.symmetric[2]
         self.motion = motion_of(pencil.rigid_motion)
@@ -70,7 +70,8 @@ class Shifted:
             return float(min(growth[0] ** -0.5, 1 / growth[1]))
 
     def _free_shift(self, symmetric: bool) -> float:
-        """Half of the first elastic frequency if K and M are symmetric; else from the smallest k_ii / m_ii."""
+        """The shift for a singular K: half of the first elastic frequency, or for unsymmetric matrices from min k_ii / m_ii.
+        """
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
             self.rigid = handle.rigid
@@ -100,8 +101,8 @@ class Shifted:
             raise last
         values, X = distinct(values, X)
         if self.rigid.shape[1]:
-            # those of rigid motion are exactly 0: n_r, and one more for each that D does not damp. The solver returns a multiple
-            # eigenvalue split by rounding
+            # eigenvalues of rigid motion are exactly 0: one for each rigid-body mode, and a second one if D does not damp it. The
+            # solver returns this multiple eigenvalue split by rounding
             assert self.motion is not None
             number, order = self.motion.zeros, np.argsort(np.abs(values), kind="stable")
             of = np.cumsum(1 + (values[order].imag != 0))
@@ -122,22 +123,24 @@ class Shifted:
         return values, X / np.linalg.norm(X, axis=0)
 
     def search(self, region: Region, count: Count | None, thorough: bool, searches: int = 4) -> tuple[Array, Array, Count | None]:
-        """λ (k,), Im λ ≥ 0, and X (n, k) of all in a region, until they add up to the count; and the count.
+        """λ (k,), Im λ ≥ 0, and X (n, k) of all eigenpairs in a region, searched until they match the count; and the count.
 
-        Without one that by inertia is taken, where there is one. Other starts find other directions of an eigenspace: four
-        were always enough. A `thorough` search that nothing counts ends when another start finds nothing new in clusters.
+        If no count is given, inertia counts where it can. Further start vectors find further directions of an eigenspace: four
+        starts were always enough. A `thorough` search without a count ends when another start finds no new eigenpair in the
+        clusters.
 
         Raises
         ------
         InputError
-            The disc around 0 that holds the box holds too many: beyond 1,500 run times reach hours, and backward errors grow.
+            The disc around 0 that contains the box has too many eigenvalues: beyond 1,500 run times reach hours, and backward
+            errors grow.
         MissedModesError
-            The count is another one.
+            The number found differs from the count.
         """
         pencil, most = self.pencil, 2 * self.pencil.size
-        # how many to begin with, and how far they must reach
+        # number of eigenvalues to ask for at first, and the distance from the shift that they must reach
         if region.box is None:
-            ask, reach = (region.count or 0) + (12 if self.shift else 0) + 2, 0.0  # those nearest to a shift are not those to 0
+            ask, reach = (region.count or 0) + (12 if self.shift else 0) + 2, 0.0  # the shift is nearer to others than 0
         elif count is not None:
             reach = 1.001 * float(np.abs(count.values[count.contour.encloses(count.values)]).max(initial=0.0)) + self.shift
             ask = int(np.count_nonzero(np.abs(count.values) <= reach)) + 8
@@ -156,7 +159,7 @@ class Shifted:
                                      "the model")
                 found, shapes = self.nearest(min(ask, most), self.searches)
                 far = float(np.abs(found - self.shift).max(initial=0.0))
-                near = ~beyond(np.abs(found), far - self.shift)  # others may be nearer to 0 than the rest
+                near = ~beyond(np.abs(found), far - self.shift)  # eigenvalues not found may be nearer to 0 than the others
                 enough = listed(found[near]) >= (region.count or 0) if region.box is None else far >= reach
                 if enough or listed(found) >= 2 * pencil.size:
                     break
@@ -183,12 +186,13 @@ class Shifted:
     def left(self, values: Array, X: Array, ask: int) -> Array:
         """Left vectors y, yᴴP(λ) = 0, from the transposed pencil, matched by λ.
 
-        If no counterpart is found among `ask` of them, the column is zero, which makes its error bar infinite.
+        If an eigenvalue has no counterpart among the `ask` left eigenpairs, its column is zero, and its error bar becomes
+        infinite.
         """
         other = copy(self)
         other.pencil, other.factor = self.pencil.transposed(), self.factor.transposed
         found, vectors = other.nearest(ask)
-        for seed in range(2, self.searches + 1):  # each from another start
+        for seed in range(2, self.searches + 1):  # each search from another start vector
             found, vectors = joined(found, vectors, *other.nearest(ask, seed))
         Y = np.zeros_like(X)
         at, to = match(values, found, far=2 * SPLIT)
@@ -198,18 +202,21 @@ class Shifted:
 
 
 def by_inertia(pencil: Pencil, radius: float) -> Count | None:
-    """The number of eigenvalues in |λ| < R of a part with D = αM + βK, twice that of K - R²M < 0; or of one that turns.
+    """The number of eigenvalues in |λ| < R of a part with D = αM + βK, or of a rotating part; None for other parts.
 
-    That has a skew D and K positive definite. All are imaginary, λ = iω. The quadratic form of the Hermitian P(iω) is
-    k + ωg - ω²m with k > 0, so it changes its sign once as ω grows, and the number of negative eigenvalues of P(iR) is the number
-    of ω below R (P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966). It is half of that of the real [[A, -RD], [RD, A]],
-    A = K - R²M. Proportional damping must be so weak that none of the modes below R is overdamped. None of other parts.
+    With proportional damping it is twice the number of negative eigenvalues of K - R²M. The damping must be so weak that none of
+    the modes below R is overdamped.
+
+    A rotating part has a skew D and a positive definite K. All its eigenvalues are imaginary, λ = iω. The quadratic form of the
+    Hermitian P(iω) is k + ωg - ω²m with k > 0. It changes sign once as ω grows, so the number of negative eigenvalues of P(iR) is
+    the number of ω below R (P. Lancaster, Lambda-Matrices and Vibrating Systems, 1966). The real matrix [[A, -RD], [RD, A]],
+    A = K - R²M, has twice as many negative eigenvalues.
     """
     simple = proportional(pencil, pencil.D) if all(pencil.symmetric) else None
     plain = simple is not None and not simple[2].shape[1] and abs(simple[0]) < radius / 2 and abs(simple[1]) * radius < 0.5
     if not plain and (pencil.symmetric != (True, False, True) or abs(pencil.D + pencil.D.T).max() > EQUAL * abs(pencil.D).max()):
         return None
-    for near in (radius, radius * (1 + 1e-5), radius * (1 + 1e-3)):  # an eigenvalue may lie there
+    for near in (radius, radius * (1 + 1e-5), radius * (1 + 1e-3)):  # an eigenvalue may lie on the circle
         A, B = pencil.K - near**2 * pencil.M, near / 2 * (pencil.D - pencil.D.T)
         with suppress(SingularMatrixError):
             if plain:

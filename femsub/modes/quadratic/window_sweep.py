@@ -1,8 +1,8 @@
-"""Where a parameter of any rank brings an eigenvalue to lines in the plane of s, for all its values: proved.
+"""Proved crossings of eigenvalues over lines in the plane of s, for all values of a parameter of any rank.
 
 P(s; ε) = P(s) + ε T(s), where T acts through any number of columns, inside U and outside (see `energy_basis`). In a window,
-ε = m + t with |t| ≤ h, all eigenpairs of P_U at m give P_U⁻¹ = X(Λ - s)⁻¹Zᴴ + T_f(s): n pairs near the lines, and T_f of all
-others. Where P(s; ε)(u, y) = 0, u = Xg + q with
+ε = m + t with |t| ≤ h, the eigenpairs of P_U at m give P_U⁻¹ = X(Λ - s)⁻¹Zᴴ + T_f(s). X, Λ and Z have the n pairs near the lines,
+T_f has all others. If P(s; ε)(u, y) = 0, then u = Xg + q with
 
     (Λ - s) g + Zᴴ(tTu + P_ULy) = 0,   q = -T_f(tTu + P_ULy),   y = -P_L⁻¹P_LU u.
 
@@ -14,32 +14,35 @@ and (I - tN)⁻¹ (tB - t²Q) = tB + t²(NB - Q) + t³N(I - tN)⁻¹(NB - Q). To
 x̂_ij = b_ij / (λ_j - λ_i) as in `femsub.stability.exclusion`, b = diag B: then
 
     (λ_i - s + t b_i) g'_i + Σ_j e_ij(s, t) g'_j = 0,   |e_ij| ≤ f_ij  for all complex |t| ≤ h,  |s - s_c| ≤ d,
-    F = (I - h|X̂|)⁻¹ (h|B'| + h²|BX̂ - X̂b + NB - Q| + h³ …) + what q and y bring back.
+    F = (I - h|X̂|)⁻¹ (h|B'| + h²|BX̂ - X̂b + NB - Q| + h³ …) + the terms of q and y.
 
 Norms bound |q| and |y| by |g|, in units in which Re P_L ≥ 1:
 
     |q| ≤ Σ h‖T_fTx_j‖ |g_j| + h‖T_fT‖ |q| + ‖T_f‖‖P_UL‖ |y|,   |y| ≤ Σ ‖P_LUx_j‖ |g_j| + ‖P_LU‖ |q|.
 
-So P(s; ε) is regular where the spectral radius of f_ij / |λ_i - s + t b_i| is below 1. Tiles of a line and of a window's values
-are halved until that holds, or they lie in the rectangle |s - s_0| ≤ a, |ε - ε_0| ≤ b of one crossing. In a window about ε_0 the
-others are eliminated there from the equation of one g'_i. What is left, along the line s = s_0 + τ d, is
+So P(s; ε) is regular where the spectral radius of f_ij / |λ_i - s + t b_i| is below 1. A tile is an interval of a line and an
+interval of ε in a window. Tiles are halved until that holds, or until they lie in the rectangle |s - s_0| ≤ a, |ε - ε_0| ≤ b of
+one crossing. For this rectangle, all other g'_j of a window about ε_0 are eliminated from the equation of one g'_i. Along the
+line s = s_0 + τ d this leaves
 
     φ(τ, t) = (λ_i - s_0) - τ d + t b_i + ρ(τ, t) = 0,   |ρ| ≤ r = f_ii + f_i.(D - F)⁻¹f_.i
 
-for complex |τ| ≤ a and |t| ≤ b; D has the least |λ_j - s + t b_j| of the others. For complex ε, c is less by |Im ε| Σ |s^k| g,
-g a bound of |xᴴTx| / xᴴAx. With the least singular value σ of the real matrix of (-a d, b b_i),
+for complex |τ| ≤ a and |t| ≤ b; D is the diagonal matrix of the smallest |λ_j - s + t b_j| of the other pairs. For complex ε, c
+is smaller by |Im ε| Σ |s^k| g, where g is a bound of |xᴴTx| / xᴴAx. With the smallest singular value σ of the real
+matrix of (-a d, b b_i),
 
-- all zeros with |τ| ≤ a and |t| ≤ b, real, are in the ellipse of the radius ϱ = (r + |λ_i - s_0|) / σ in (τ/a, t/b), and if
-  ϱ < 1/2 there is an odd number (degree);
-- where |τ| ≤ a/2 and |t| ≤ b/2, ρ has derivatives of at most 2r/a and 2r/b (Cauchy). So if σ > 2√2 r, there is one at most.
+- all real zeros with |τ| ≤ a and |t| ≤ b are in the ellipse with the radius ϱ = (r + |λ_i - s_0|) / σ in (τ/a, t/b), and if
+  ϱ < 1/2 their number is odd (degree);
+- where |τ| ≤ a/2 and |t| ≤ b/2, ρ has derivatives of at most 2r/a and 2r/b (Cauchy). So if σ > 2√2 r, there is at most one zero.
 
-As dλ/dε is about b_i, its direction is known. All holds for any share of the coupling with the outside as well. So in what lines
-enclose P has as many eigenvalues as P_U.
+The direction of the crossing is known, since dλ/dε is about b_i. All this also holds with any fraction of the coupling to the
+outside. So in a region enclosed by lines without crossings P has as many eigenvalues as P_U.
 
 T_f and Q are evaluated at s_c. For |s - s_c| ≤ d a product of polynomials and of the series of 1/(λ_k - s) about s_c changes by
-no more than the same product of all moduli, at d, less its value at 0. ‖T_f‖ follows from its Taylor series, by Frobenius norms
-but for its value at one point. ‖P_LU‖ at one s is a convex function of ε. Rounding counts as well: with S, the sum over LAPACK's
-pairs, SP_U = I + Σ x_k r_k / (λ_k - s) + E_0 as in `axis_sweep`. Then r_k u joins the equation of g_k, and the rest that of q.
+no more than the same product of all moduli, at d, minus its value at 0. ‖T_f‖ follows from its Taylor series, with Frobenius
+norms except for its value at one point. ‖P_LU‖ at one s is a convex function of ε. Rounding is included: with S, the sum over
+LAPACK's pairs, SP_U = I + Σ x_k r_k / (λ_k - s) + E_0 as in `axis_sweep`. Then r_k u joins the equation of g_k, and the other
+terms join that of q.
 
 References: as for `energy_basis`; R. S. Varga, Geršgorin and His Circles (2004); L. Collatz, Math. Z. 48 (1942) 221 (the spectral
 radius of F ≥ 0 is at most the largest (Fw)_i / w_i, w > 0).
@@ -64,13 +67,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-NEAREST = 130  # eigenpairs that stand apart in a window, at most
-PARTS = 14  # intervals of the range at first
+NEAREST = 130  # largest number of eigenpairs treated one by one in a window
+PARTS = 14  # intervals of the range to begin with
 BELOW = 0.98  # required spectral radius; the theorem needs 1
 
 
 class Crossed(NamedTuple):
-    """The one crossing of line `of` in |t - t_0| ≤ a, |ε - ε_0| ≤ b."""
+    """The only crossing of line `of` in |t - t_0| ≤ a, |ε - ε_0| ≤ b."""
 
     of: int
     met: Met
@@ -85,7 +88,7 @@ class Crossed(NamedTuple):
 
     @property
     def tile(self) -> Array:
-        """Where it certainly is, (1, 5)."""
+        """The tile (1, 5) in which the crossing certainly lies."""
         (a, b), (c, d) = self.met.between, self.met.values
         return np.array([[self.of, (a + b) / 2, (b - a) / 2, (c + d) / 2, (d - c) / 2]])
 
@@ -102,16 +105,17 @@ class WindowSweep(Sweep):
     def __init__(self, projection: Projection, weights: Sequence[float], between: tuple[float, float]) -> None:
         super().__init__(projection, weights, between)
         self.weights, m, size = np.array(weights), projection.size, projection.outer.size
-        lost = projection.lost  # once, for all that `changed` copies
+        lost = projection.lost  # evaluated once, for all copies by `changed`
         self.most = 1.02 * max(map(abs, between))
         widest = projection.changed(np.abs(self.weights) * self.most)
         if (c := widest.least) <= 0:
-            raise NotConvergedError(f"the parameter may outweigh the stiffness of other shapes by {1 - c:.2g}")
-        self.c = 0.9 * c  # a tenth is left to complex ε
+            raise NotConvergedError(f"for some value of the parameter, forces of shapes outside the basis may reach "
+                                    f"{1 - c:.2g} times their stiffness")
+        self.c = 0.9 * c  # a tenth is reserved for complex ε
         self.signs = np.array([term.sign for term in self.terms])
         grows = 0.0  # Σ |s^k| g
         for slope, term in zip(self.slope, self.terms, strict=True):
-            if slope.any() and not term.spanned:  # of a skew T the range is known where it counts for real ε
+            if slope.any() and not term.spanned:  # for a skew T the range is known only if real ε need it
                 g = max(map(abs, term.range))
                 g = g if np.isfinite(g) else projection.norm(term)
                 grows += g * float(np.abs(slope) @ size ** np.arange(3))
@@ -133,9 +137,10 @@ class WindowSweep(Sweep):
 
     def swept(self, lines: Sequence[Line], least: float = 5e-4, most: int = 80
               ) -> list[tuple[list[Met], list[tuple[float, float]]]]:
-        """All crossings of each line, and the pieces (of t) in which they are not known.
+        """All crossings of each line; or no crossings, and the pieces (of t) in which crossings are not decided.
 
-        Then an interval of ε has a length of `least` of the range, or there would be more than `most` windows.
+        Crossings are not decided if an interval of ε becomes as short as `least` of the range, or if more than `most` windows
+        were needed.
         """
         corners = np.array([one.start + t * one.along for one in lines for t in (0.0, one.length)])
         if corners.imag.max() > self.outer.top or corners.real.min() < self.outer.re[0] or corners.real.max() > self.outer.re[1]:
@@ -175,7 +180,7 @@ class WindowSweep(Sweep):
         return [(sorted(one.met for one in known if one.of == of), []) for of in range(len(lines))]
 
     def _tested(self, begin: float, end: float) -> tuple[Array, list[tuple[int, float, float]]]:
-        """Tiles (l, 5) in which a crossing is not excluded, and places of crossings near them: line, t, ε."""
+        """Tiles (l, 5) in which a crossing is not excluded, and estimated places of crossings near them: line, t, ε."""
         m, h = (begin + end) / 2, (end - begin) / 2 * (1 + 4 * EPS)
         self.solved += 1
         window = Window(self, m)
@@ -202,7 +207,7 @@ class WindowSweep(Sweep):
         return None
 
     def _crossing(self, of: int, t: float, value: float) -> Crossed | None:
-        """The window of one crossing."""
+        """The rectangle around (t, ε) in which it is proved that the line `of` has one crossing; None if it is not proved."""
         line = self.lines[of]
         s = line.start + t * line.along
         room = min(self.outer.top - s.imag, s.real - self.outer.re[0], self.outer.re[1] - s.real)
@@ -226,7 +231,7 @@ class WindowSweep(Sweep):
                 between, values = (t - q * a, t + q * a), (value - q * b, value + q * b)
                 if found is None:
                     found = Crossed(of, Met(t, a, between, values, bool(rate.imag > 0)), value, b)
-                elif q * b < 0.5 * (found.met.values[1] - value):  # the same one, in narrower bounds
+                elif q * b < 0.5 * (found.met.values[1] - value):  # the same crossing in narrower bounds
                     found = found._replace(met=found.met._replace(between=between, values=values))
                 else:
                     break
@@ -299,7 +304,7 @@ class Window:
         return nu / (1 - (s - self.shift) * nu)
 
     def segment(self, s: complex, d: float) -> Segment | None:
-        """What `rest` takes, for all |s' - s| ≤ d. None if that is too large."""
+        """The bounds that `rest` takes, for all |s' - s| ≤ d; None if d is too large."""
         sweep, (nu, lam, X, Z) = self.sweep, self.far
         each, distance = self._each(s), np.where(nu != 0, np.abs(lam - s), np.inf)
         if not (distance > 1.5 * d).all():
@@ -329,7 +334,7 @@ class Window:
                        most @ self.fed, wrong, *self._outside(s, d))
 
     def _outside(self, s: complex, d: float) -> tuple[tuple[Array, Array, Array, Array], tuple[float, float]]:
-        """‖P_LU x_j‖ and ‖z_iᴴP_UL‖, the same of T, and norms of both, in units in which P_L ≥ 1."""
+        """Bounds of ‖P_LU x_j‖ and ‖z_iᴴP_UL‖, the same for T, and norms of P_LU and T outside, in units in which P_L ≥ 1."""
         sweep, root = self.sweep, self.sweep.c**-0.5
         lengths = [root * part[0] for part in self.small._lengths(np.array([s]), np.array([[d]]), self.products)]
         _, linear, square = sweep.slope.T
@@ -349,7 +354,7 @@ class Window:
         return np.where(h * np.abs(X).sum(axis=1, keepdims=True) <= 0.5, X, 0.0)
 
     def rest(self, given: Segment, h: float) -> Array | None:
-        """F (n, n) for |t| ≤ h; None if it is too large."""
+        """F (n, n) for |t| ≤ h; None if h is too large for a bound."""
         sweep, B, N, d, X = self.sweep, self.B, given.N, given.reach, self.turn(h)
         b = B.diagonal()
         turn, slip = h * np.abs(X), h * (np.abs(N) + d * np.abs(self.N[1]))
@@ -376,7 +381,7 @@ class Window:
         return F if np.isfinite(F).all() else None
 
     def apart(self, tiles: Array) -> Array:
-        """Least distances |λ_i + t b_i - s| in tiles (l, 5), (l, n)."""
+        """Smallest distances (l, n) of |λ_i + t b_i - s| in tiles (l, 5)."""
         found = np.empty((len(tiles), len(self.lam)))
         for k, line in enumerate(self.sweep.lines):
             at = tiles[:, 0] == k
@@ -407,7 +412,7 @@ class Window:
         return np.vstack(left)
 
     def opened(self, F: Array, tiles: Array, least: float, most: int = 3000) -> Array:
-        """Those parts of the tiles that F does not exclude, with half of the width in ε of `least`; larger ones after `most`."""
+        """The parts of the tiles that F does not exclude, with half width `least` in ε; wider if more than `most` were tested."""
         left, seen, speed = [np.zeros((0, 5))], 0, np.abs(self.B.diagonal())
         while len(tiles):
             D, seen = self.apart(tiles), seen + len(tiles)
@@ -425,7 +430,7 @@ class Window:
         return np.vstack(left)
 
     def candidates(self, tiles: Array) -> list[tuple[int, float, float]]:
-        """Where the centres of the discs nearest to open tiles meet the line: line, t, ε, one for each disc and line."""
+        """Where the centres of the discs nearest to open tiles cross the line: line, t, ε, one place for each disc and line."""
         if not len(tiles) or not len(self.lam):
             return []
         found = []
@@ -438,7 +443,8 @@ class Window:
         return found
 
     def single(self, s: complex, a: float, b: float, i: int) -> float:
-        """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ what is left for g_i; inf if there is none."""
+        """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ of the equation left for g_i; inf if none.
+        """
         given = self.segment(s, a)
         F = None if given is None else self.rest(given, b)
         if F is None:
@@ -454,9 +460,9 @@ class Window:
 
 
 def first_turn(z: Array, B: Array, size: Array) -> Array:
-    """X of the turn of eigenvectors to first order: b_ij / (z_j - z_i) where z are far apart beside `size` (k, k), else 0.
+    """X of the turn of eigenvectors to first order: b_ij / (z_j - z_i) where this gap is large beside `size` (k, k), else 0.
 
-    B may be several matrices (q, k, k) of this size together. No entry of X is above 1/4 beside it.
+    B may be several matrices (q, k, k) that have this size together. With size = h|B|, no entry of h|X| is above 1/4.
     """
     gap = z - z[:, None]  # z_j - z_i
     far = np.abs(gap) > 4 * (size + size.T)
@@ -465,7 +471,7 @@ def first_turn(z: Array, B: Array, size: Array) -> Array:
 
 
 def _radius(F: Array, D: Array, steps: int = 16) -> Array:
-    """At most the spectral radius of each F_ij / D_ki, (l,), by Collatz's quotients, or 1 and more."""
+    """Upper bounds (l,) of the spectral radii of F_ij / D_ki, by Collatz's quotients; rough where a radius is 1 or more."""
     w, found, at = np.ones_like(D), np.full(len(D), np.inf), np.arange(len(D))
     with np.errstate(all="ignore"):
         for _ in range(steps):
@@ -480,6 +486,6 @@ def _radius(F: Array, D: Array, steps: int = 16) -> Array:
 
 
 def _root(gram: Array) -> float:
-    """The root of the largest eigenvalue of XᴴX, the norm of X."""
+    """‖X‖ from the Gram matrix XᴴX: the root of its largest eigenvalue."""
     last = len(gram) - 1
     return max(float(la.eigvalsh(gram, subset_by_index=[last, last], check_finite=False)[0]), 0.0) ** 0.5 if gram.size else 0.0
