@@ -197,9 +197,10 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     Parameters
     ----------
     reduced : ReducedSubstructure, Substructure, Pencil or mapping
-        A mapping has the matrices as given, with any faults: M, K, and any of D, V (n, r), interface (coordinates that are
-        interface DOF, from 0), full_interface (the same DOF as rows of the full model), kinds (a word for each coordinate, as of
-        `ReducedSubstructure`), dofs (the `DofMap` of the interface, with points), cutoff, name.
+        A mapping has the matrices as given, with any faults: M, K, and optionally D and V (n, r). Further entries are interface
+        (coordinates that are interface DOF, from 0), full_interface (the same DOF as rows of the full model), cutoff and name.
+        The entry kinds has a word for each coordinate, as of `ReducedSubstructure`, and dofs the `DofMap` of the interface with
+        points.
     full : Substructure, optional
         The full model. Its interface is in the order of the reduced model's interface.
     mass : float, optional
