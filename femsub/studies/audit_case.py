@@ -108,11 +108,11 @@ class Case(GivenModel):
     def bounds(self) -> FrequencyBounds | Finding:
         """Bounds of the lowest frequencies from the small matrices and the stated cut-off, or why there are none."""
         if not self.sound:
-            return unknown("the faults come first")
+            return unknown("they are not computed before the faults are corrected")
         if np.isnan(self.cutoff):
             return unknown("no cut-off is stated")
         if self.basis != "held":
-            return unknown("bounds without the full model are known for Craig-Bampton models alone")
+            return unknown("without the full model, bounds are known for Craig-Bampton models only")
         try:
             return self.frequency_bounds(max(1, min(self.few, len(self.elastic_frequencies))))
         except FemsubError as error:
@@ -206,7 +206,7 @@ class Case(GivenModel):
         try:
             Z = self.free.rigid
         except FemsubError as error:
-            return unknown(f"that of the full model could not be found: {error}")
+            return unknown(f"the rigid motion of the full model could not be computed: {error}")
         U, X, left = self.parted[0], self.static, None
         at = U.T @ Z[self.rows] if len(self.rows) == len(U) else Z[:0]
         if not Z.shape[1]:
@@ -258,7 +258,7 @@ class Case(GivenModel):
             if not self.kinds and strange and (self.V is not None or strange > len(apart) / 2 or strange <= shapes
                                                or self.is_herting(own)):
                 return unknown("the coordinates beside the interface are not stated to be modes, and "
-                               f"{strange} of {len(apart)} are none of the full model", state)
+                               f"{strange} of {len(apart)} are no modes of the full model", state)
             # the lowest frequency of the full model that the reduced one lacks, multiplicities included
             true, left, first = modes.frequencies, list(own), np.inf
             for value in true:
@@ -307,7 +307,7 @@ class Case(GivenModel):
             true = self.lowest(self.free, most).frequencies[rigid:]
             return own[:len(true)], true
         except FemsubError as error:
-            return unknown(f"those of the full model could not be found: {error}")
+            return unknown(f"the frequencies of the full model could not be computed: {error}")
 
 
 def listed(numbers: Sequence[int] | Array, most: int = 4) -> str:

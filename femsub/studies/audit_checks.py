@@ -220,8 +220,8 @@ def mapped_strain(case: Case) -> Sight:
             "(dofs), or the full model")
     _, energy, free, whole = case.mapped
     if not len(energy):
-        return unknown("the DOF map has no translations that are known, or the interface moves in shapes only",
-                       f"Labels that are known: {', '.join(MOTIONS)}, w, w,x and w,y")
+        return unknown("the DOF map has no known translations, or the interface moves in shapes only",
+                       f"Known labels: {', '.join(MOTIONS)}, w, w,x and w,y")
     count = int(np.count_nonzero(energy <= EQUAL))
     soft = energy[(energy > EQUAL) & (energy <= SHAPED)]
     wrong = ""
@@ -234,11 +234,11 @@ def mapped_strain(case: Case) -> Sight:
                      if energy.max() <= SHAPED else "DOF are swapped, have another sign or other units, or the map belongs to "
                      "another model: compare it DOF by DOF", float(energy.max()), EQUAL)
     if len(soft):
-        return unknown(f"{len(soft)} rigid motions have very little energy: a soft mount, or a spring that nobody meant",
+        return unknown(f"{len(soft)} rigid motions have very little energy: a soft mount, or an unintended spring",
                        "State whether the part floats (floating), or give the full model", float(soft.max()), EQUAL)
     if count:
         return good(f"{count} rigid motions are free", float(energy[energy <= EQUAL].max()), EQUAL)
-    return unknown("the part is held, so far as K shows", "State whether it floats (floating), or give the full model",
+    return unknown("the part is held, as far as K shows", "State whether it floats (floating), or give the full model",
                    float(energy.min()), EQUAL)
 
 
@@ -402,8 +402,8 @@ def unlike_statics(case: Case) -> Sight:
     if case.interface is None:
         return None
     if X is None:
-        return fault("the inside of the reduced model has no firm hold at the interface",
-                     "A coordinate has no stiffness, or K is not that of this model")
+        return fault("with the interface held, the stiffness of the reduced model is singular or indefinite",
+                     "A coordinate has no stiffness, or K is the matrix of another model")
     bare = case.whole.K.diagonal()[case.rows]
     C = np.abs(statics.V)
     floor = C.T @ (abs(case.whole.K) @ C) * PRODUCTS + EPS * np.sqrt(np.outer(bare, bare))
@@ -482,8 +482,9 @@ def uncounted(case: Case) -> Sight:
     if np.isinf(kept.first):
         return good("")
     if np.isinf(cut):
-        return fault(f"the model says that no mode is left out, but one at {kept.first:.6g} rad/time is", "State this cut-off")
-    return good(f"none is stated; the first mode that is left out is at {kept.first:.6g} rad/time")
+        return fault(f"the model states that no mode is left out, but a mode at {kept.first:.6g} rad/time is missing",
+                     "State this cut-off")
+    return good(f"no cut-off is stated; the first mode that is left out is at {kept.first:.6g} rad/time")
 
 
 def unconverged(case: Case, kept: KeptModes) -> Sight:
@@ -619,7 +620,7 @@ CHECKS = (
           LOOK.format("stiffness")),
     Check("coordinates independent", "", dependent),
     Check("D symmetric", "D, damped", gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",
-          "If it turns, state it (gyroscopic); else an entry is lost, or a triangle is"),
+          "If it turns, state it (gyroscopic); otherwise an entry or a triangle of D is lost"),
     Check("D takes energy out", "D, damped", feeding, EQUAL,
           "D has a negative eigenvalue, mostly in coordinate {at}: it feeds energy in",
           "Look at its sign. Friction with a falling characteristic belongs to a contact, not to D"),
@@ -666,22 +667,22 @@ CHECKS = (
           "the full model has {count} rigid motions, which have an elastic energy in the reduced one",
           "A spring to the ground, swapped or turned DOF, or entries with few digits"),
     Check("mass and inertia", "full, moved", other_inertia, AGREE,
-          "of rigid motion, the reduced model has {masses} times the full model's{factor}",
-          "Mass is lost or counted twice, the density is another one, or units are"),
+          "in rigid motion, the masses of the reduced model are {masses} times the full model's{factor}",
+          "Mass is lost or counted twice, or density or units differ"),
     Check(BELOW, "full", uncounted, 0.0,
           "the full model has {counted} modes below the stated cut-off {cut:.6g} rad/time, the reduced one {listed}", "{advice}"),
     Check("modes converged", "full, kept", unconverged, AGREE,
-          "mode {mode} of the reduced model is none of the full one: ω² is off by {off:.1e}",
+          "mode {mode} of the reduced model is no mode of the full one: ω² is off by {off:.1e}",
           "Compute it again with a tighter tolerance; or the model is reduced from other matrices, or its coordinates are no "
           "modes: state their kinds"),
     Check("coupling of modes and interface (M_bi)", "full, kept, statics, static", unlike_coupling, SHAPED,
-          "the part of the modes near ω = {omega:.6g} in motions of the interface is not the full model's",
+          "the participation of the modes near ω = {omega:.6g} in motions of the interface differs from the full model's",
           "The block M_bi is lost, transposed or scaled, or its columns are in another order than the modes"),
     Check("frequencies not below the full model's", "full, projected, frequencies", lowered, AGREE,
           "mode {mode} has ω = {own:.6g}, but {there:.6g} in the full model; no projection lowers it", OTHERS),
     Check("frequencies within their bounds", "full, frequencies, bounds", unbounded, AGREE,
           "elastic mode {mode} of the full model has ω = {there:.6g}, below the bound {bound:.6g} by the stated cut-off",
-          "The cut-off is not what is stated, or the matrices are not those of this model"),
+          "The cut-off differs from the stated one, or the matrices belong to another model"),
     # what cannot be known
     Check(BELOW, "alone", unseen_modes),
     Check("frequencies", "", unknown_frequencies))

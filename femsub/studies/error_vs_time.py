@@ -153,14 +153,15 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     parameter = ("slope" if belt is not None else "") if parameter is None else word("parameter", parameter)
     between = None if between is None else interval("between", between)
     if not parameter and (values or between):
-        raise InputError("values and between are those of a parameter of the contacts: name it, e.g. parameter='mu'")
+        raise InputError("values and between need a parameter of the contacts: name it, e.g. parameter='mu'")
     if parameter and not any(hasattr(contact, parameter) for contact in given):
         raise unknown_name("parameter", parameter, sorted({name for contact in given for name in vars(contact)}))
     if parameter == "slope" and belt is not None and between is not None:
         raise InputError("the critical slope of a belt is the largest one up to 0: leave between out")
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
-        raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
+        raise InputError(f"critical must have {len(asked_for) + 1} values, of the full model and of each method, not "
+                         f"{len(known)}")
     say = listener("progress", progress)
     asked = Comparison(model, given, band, parameter, values, between)
     # the full and the reduced models, solved several times in turn, and why other methods are left out

@@ -336,7 +336,7 @@ class Study(Displayed):
         if self.between:
             holds = f"{self.symbol} lies between {self.between[0]:g} and {self.between[1]:g}."
         elif not self.interface:
-            holds = "the model has no interface. Nothing is known of it joined to others."
+            holds = "the model has no interface. Its accuracy when joined to others is unknown."
         elif math.isnan(row.error_held):
             holds = f"{free} A held interface was not compared."
         elif row.error_held <= tol:

@@ -38,7 +38,7 @@ class BranchAsk(CyclesAsk):
                          "by 5 %, and draws no dot without one (for slow integrations)", choices=lambda _: ("blow", "cycle"))
 
     KIND: ClassVar[str] = "branch"
-    WITHOUT: ClassVar[dict[str, str]] = {"cycles": "it is families of a branch"}
+    WITHOUT: ClassVar[dict[str, str]] = {"cycles": "for a branch this key is families"}
 
     def check(self, scene: Scene) -> None:
         super().check(scene)

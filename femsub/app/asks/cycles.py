@@ -64,11 +64,11 @@ class CyclesAsk(Ask):
                    column("rms_error", "error of rms", ".1e"), "peak", column("sticking", form=".0%"), "is_stable", "multiplier",
                    "harmonics", "truncation", column("seconds", form=".2f"))
         at = "at the values of the scene"
-        branched = ["Branches are drawn and listed, not judged: the verdict is that of the cycles at one parameter."]
+        branched = ["Branches are drawn and listed, not judged: the verdict is about the cycles at one value of the parameter."]
         return Result({"cycles": rows}, [
             "Limit cycles; v is the speed under the belt", Table("", kept, columns, keys=3),
             Table("cycles", rows, title="Limit cycles"),
-            *["?, and no multiplier: of large models the stability of cycles is not computed"] * any(
+            *["? and no multiplier: for large models the stability of cycles is not computed"] * any(
                 row["is_stable"] is None for row in kept),
             *(f"{label(row['model'])} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row),
             fs.motion.cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])

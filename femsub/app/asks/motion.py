@@ -74,8 +74,8 @@ class MotionAsk(Ask):
                    column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
         seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
                 for row in rows if row["rms"] is not None and len(row["peaks"])]
-        seen += [f"{named(row['model'], row['size'])} moves most above its cut-off, {row['cutoff']:.5g} rad/time. The reduction "
-                 "makes this motion; take more modes." for row in rows if row["peaks"] is not None and len(row["peaks"])
+        seen += [f"{named(row['model'], row['size'])} moves most above its cut-off, {row['cutoff']:.5g} rad/time. This motion is "
+                 "an artefact of reduction; take more modes." for row in rows if row["peaks"] is not None and len(row["peaks"])
                  and row["peaks"][0] > row["cutoff"]]
         shown: list[Any] = [
             f"Velocity at {place}, from a blow of {self.impulse:g}", Table(

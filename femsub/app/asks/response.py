@@ -36,7 +36,7 @@ class ResponseAsk(Ask):
         for place in (*self.response, *self.observe):
             check_place(scene, place)
         if self.loss and len(scene.parts) > 1:
-            raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
+            raise InputError("loss is for a model of one part. Give loss in the tables of the parts")
 
     def run(self, models: Models) -> Result:
         scene, (lo, hi) = models.scene, models.band_of(self.band)

@@ -52,8 +52,8 @@ class AffinePart(Part):
         {"matrix": "K.mtx"}, {"matrix": "KR.mtx", "factor": "mu"}]})
 
     KIND: ClassVar[str] = "affine"
-    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it "
-                                                      "places")
+    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil has no places, and cannot be "
+                                                      "joined")
 
     @cached_property
     def factors(self) -> dict[str, list[Expression]]:
