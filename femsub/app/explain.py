@@ -61,7 +61,7 @@ def new_text(source: str) -> str:
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of scene files. A table's kind is the one whose key it contains, or whose key the built-in scene contains.
+    """The JSON schema of scene files. A key in a table names its kind, or a key in the same table of the built-in scene below.
 
     Unless a scene has kinds of its user (`use`), its tables may have only keys of femsub's kinds.
     """

@@ -182,7 +182,7 @@ class Scene:
         source = SceneSource() if source is None else instance("source", source, SceneSource, "which a file's scene has")
         self.folder, self.source, self.variant = path_of("folder", folder), source, source.variant
         self.store: dict[Any, Any] = source.store if source.variant else {}
-        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and the files that they include
         faults = Faults("" if source.variant else source.name, source.text)
         with faults.at(("use",)):
             used = table.get("use", [])
@@ -307,7 +307,7 @@ class Scene:
         found: ModuleType = self.store["module", path]
         return found
 
-    # meshes, and what joints and contacts need of parts
+    # meshes, and the interfaces and ports of parts that joints and contacts need
 
     @cached_property
     def meshes(self) -> dict[str, Mesh]:

@@ -59,7 +59,7 @@ class Models:
         return Models(scene, self.say)
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
-        """The object that the store has under a key; at the first call `make` returns it."""
+        """The object that the store has under a key; at the first call `make` creates it."""
         store = self.scene.store
         if key not in store:
             store[key] = make()
@@ -119,7 +119,7 @@ class Models:
             return GROUND
         end = End.of(words)
         if (part := parts.get(end.part)) is None:
-            raise InputError(f"{end.part!r} is cut into pieces, which are joined to each other alone")
+            raise InputError(f"{end.part!r} is cut into pieces, which are joined only to each other")
         if end.mark == ":":
             return end.part, end.dofs
         if end.mark and at == 1 and joint.facing:

@@ -478,7 +478,7 @@ def uncounted(case: Case) -> Sight:
         return good("nothing is left out" if own else "all DOF are interface")
     if np.isfinite(cut) and full is not None:
         return Seen(abs(full - own), counted=full, cut=cut, listed=own, advice="Keep all modes below the cut-off, or state a "
-                    "lower one" if full > own else "A mode is listed twice, or is none of the full model")
+                    "lower one" if full > own else "A mode is listed twice, or is no mode of the full model")
     if np.isinf(kept.first):
         return good("")
     if np.isinf(cut):
@@ -644,7 +644,7 @@ CHECKS = (
     # checks against the full model
     Check("interface list", "full", other_interface, None, "{why}", "Take the list that the reduction was made with"),
     Check("V moves the interface", "full, V, interface", unmoved_interface, AGREE,
-          "V does not move interface DOF {bad} by one with their coordinates",
+          "V does not move interface DOF {bad} by 1 when their coordinates are 1",
           "The interface list, its order or a sign is not that of V"),
     Check("M = VᵀMV", "full, V, projected", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
     Check("M = VᵀMΦΦᵀMV", "full, V, massless", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
