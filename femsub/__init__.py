@@ -31,9 +31,9 @@ except ModuleNotFoundError:
 
 __version__ = "0.1.0"
 
-# what is factorised, solved and counted, for whoever listens: logging.getLogger("femsub"), levels INFO and DEBUG
+# the logger "femsub" reports factorisations, solves and counts at INFO and DEBUG; it is silent until a user adds a handler
 logging.getLogger("femsub").addHandler(logging.NullHandler())
 
 __getattr__, __dir__, _names = lazy_loader.attach_stub(__name__, __file__)
-# the rooms can be had as `fs.coupling` too, but are no names of the front door
+# the rooms are attributes too, such as `fs.coupling`, but they are no names of the front door
 __all__ = sorted({*_names, "__version__"} - set(listdir(__path__[0])))

@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> int:
-    """`femsub.app.cli.main`; Ctrl-C while it is imported ends with one line as well."""
+    """Runs `femsub.app.cli.main`. Ctrl-C during its import ends with one line too, not with a traceback."""
     try:
         from femsub.app.cli import main as command
 

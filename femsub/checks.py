@@ -36,32 +36,35 @@ Array: TypeAlias = "np.ndarray"
 Matrix: TypeAlias = Any  # numpy.ndarray (dense) or scipy.sparse.csr_array (sparse), both float64
 
 EPS = sys.float_info.epsilon
-POSITION = 1e-6  # of a model's size: mesh files print coordinates with six to seven digits, so points that meet differ by this
+POSITION = 1e-6  # relative to a model's size: mesh files print six to seven digits, so coincident points differ by this
 DENSE = 4000  # coordinates up to which a model is dense: each matrix has 128 MB, and all modes take half a minute on one core
-EQUAL = 1e-9  # two results that exact arithmetic makes equal: some hundred roundings times a condition number of 1e5
+EQUAL = 1e-9  # relative difference of results that are equal in exact arithmetic: some 100 roundings, condition number 1e5
 
-#: Evidence that nothing is missing: the result lists as many as an independent count without sampling gives. Such counts are the
-#: inertia of K - ω²M, the number of all eigenvalues that a pencil has, and the discs of `femsub.stability.exclusion`.
+#: Evidence that nothing is missing: the number of listed eigenvalues equals an independent count that does not sample.
+#: These are the inertia of K - ω²M, the number of all eigenvalues of a pencil, and the discs of `femsub.stability.exclusion`.
 CERTIFIED = "certified"
-#: The same, but the count comes from samples or an estimate: a pencil sampled over a range of its parameter.
+#: The numbers are equal, but the count samples or estimates: for example, a pencil is sampled over a range of its parameter.
 CONFIRMED = "confirmed"
-#: Nothing was counted, or not all of it, or the count differs from what is listed.
+#: Nothing was counted, the count is incomplete, or it differs from the number listed.
 NOT_CHECKED = "not checked"
 
-#: The extras of pyproject.toml, by the packages for which femsub asks; the plain set-up brings those of ''.
+#: For each package, the extra of pyproject.toml that installs it; '' for packages of the plain set-up.
 EXTRAS = {"numpy": "", "scipy": "", "lazy_loader": "", "threadpoolctl": "", "dolfinx-solver-real": "", "matplotlib": "figures",
           "scikit-fem": "fe", "meshio": "fe", "plotly": "page", "pyyeti": "nastran", "h5py": "matlab",
           "ansys-mapdl-reader": "ansys", "shtab": "completion", "pandas": "frames",
           "pyvista": "window"}
 
-#: classes that Python counts among the numbers; NumPy's spans of time are whole numbers to it
+#: classes that Python registers as whole numbers, but that are refused here: truth values and NumPy's time spans
 NO_NUMBERS = ("bool", "timedelta64")
 
 T = TypeVar("T")
 
 
 def printable(text: str, most: int | None = None) -> str:
-    """A text for a terminal: signs that it would obey as escapes, and without its middle if it has more than `most`."""
+    """A text that is safe on a terminal: characters that do not print become escape sequences, line breaks stay.
+
+    A text of more than `most` characters loses its middle.
+    """
     if most is not None and len(text) > most:
         text = f"{text[:most // 2]} ... {text[-(most // 2):]}"
     return text if text.isprintable() else "".join(
@@ -74,7 +77,7 @@ def shown(value: Any) -> str:
         return f"an array of {value.dtype} of shape {value.shape}"
     try:
         text = " ".join(printable(repr(value)).split()) if not isinstance(value, (str, bytes)) else repr(value[:60])
-    except Exception:  # a whole number of more digits than Python prints, an object whose own code fails
+    except Exception:  # an int of more digits than Python prints, or an object whose __repr__ fails
         return f"an object of type {type(value).__name__}"
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -83,7 +86,7 @@ class FemsubError(Exception):
     """Root of everything femsub raises on purpose."""
 
     def __str__(self) -> str:
-        return printable(super().__str__(), most=4000)  # texts of files and callers are in it
+        return printable(super().__str__(), most=4000)  # a message may quote texts of files and callers
 
 
 class InputError(FemsubError, ValueError):
@@ -107,7 +110,7 @@ class BreakdownError(NotConvergedError):
 
 
 class NoCycleError(InputError):
-    """There is no such limit cycle: no mode grows, there is no simple Hopf point, no amplitude balances, or a signal
+    """The limit cycle does not exist: no mode grows, there is no simple Hopf point, no amplitude balances, or a signal
     is not periodic.
     """
 
@@ -125,7 +128,7 @@ class NotEnoughMemoryError(FemsubError, MemoryError):
 
 
 class WorkerError(FemsubError):
-    """A worker process died or ran out of memory. `part` names what it had; `done` has the results of the others, by name."""
+    """A worker process died or ran out of memory. `part` names its part; `done` has the results of the other parts, by name."""
 
     def __init__(self, message: str = "", part: str = "", done: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
@@ -153,7 +156,7 @@ class ConditionWarning(FemsubWarning):
 
 
 def warn(message: str | Warning, category: type[Warning] = FemsubWarning) -> None:
-    """Warn where the first caller outside this package stands, by whatever way it came here."""
+    """Issues a warning that shows the line of the first caller outside this package, however deep the call."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(("femsub.", "functools")):
         frame, level = frame.f_back, level + 1
@@ -175,7 +178,7 @@ def empty_dofs_text(count: int, names: Iterable[str]) -> str:
 
 def no_room_error(folder: Path, what: str, need: float, why: object,
                   remedy: str = "Set TMPDIR to a folder with more room") -> NotEnoughMemoryError:
-    """The error for a folder that cannot take `what`, of so many bytes (0: a few), since its disk or its memory is full."""
+    """The error for a folder whose disk or memory is too full for `what`, which needs `need` bytes (0: only a few)."""
     free = ""
     with suppress(OSError):
         free = f"; {shutil.disk_usage(folder).free / 1e6:.3g} MB are free there"
@@ -184,7 +187,7 @@ def no_room_error(folder: Path, what: str, need: float, why: object,
 
 
 def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) -> InputError:
-    """The error for a name that does not exist, and for `more` of the kind, with the nearest ones that do."""
+    """The error for an unknown name, and for `more` unknown names of this kind. It suggests the nearest valid name of each."""
     names, text = sorted(valid), ""
     for one in (found, *more):
         near = difflib.get_close_matches(str(one)[:60], names, n=1, cutoff=0.5)
@@ -193,25 +196,25 @@ def unknown_name(kind: str, found: object, valid: Iterable[str], *more: object) 
 
 
 def first_few(names: Sequence[str], kind: str = "", most: int = 5) -> str:
-    """'a, b, c, d, e and 2 more', so that a sentence stays one; `kind` is what they are."""
+    """'a, b, c, d, e and 2 more': at most `most` names, so that a sentence stays short. `kind` is a noun after 'more'."""
     more = f" and {len(names) - most} more {kind}".rstrip() if len(names) > most else ""
     return ", ".join(names[:most]) + more
 
 
 @dataclass(frozen=True)
 class Tally:
-    """How sure a result is: what it lists, beside the number that an independent count gives.
+    """The number of eigenvalues that a result lists, beside an independent count: whether the list is complete.
 
-    No other place says that a result is certified (tests/test_house.py).
+    Only this class says that a result is certified (tests/test_house.py).
 
     Parameters
     ----------
     listed : int
-        Modes, eigenvalues, or losses less regains.
+        Number of listed modes or eigenvalues, or of losses of stability minus regains.
     counted : int, optional
-        Their number by a count that knows nothing of the list. None: nothing was counted.
+        The same number by a count that does not use the list. None: nothing was counted.
     sampled : bool
-        Whether the count rests on samples or an estimate.
+        Whether the count samples or estimates.
 
     Examples
     --------
@@ -233,29 +236,29 @@ class Tally:
 
 
 def until(cutoff: float) -> str:
-    """What is said of a result that ends at the cut-off of a model."""
+    """Words for the end of a result's range: ' up to the cut-off 12 rad/time', '' for inf, 'not known' for NaN."""
     if math.isnan(cutoff):
         return " (the cut-off of its basis is not known)"
     return "" if math.isinf(cutoff) else f" up to the cut-off {cutoff:.4g} rad/time"
 
 
 def limit_of(cutoff: float) -> str:
-    """What is said of a model with a cut-off."""
+    """Words for the cut-off of a model: ', cut-off 12 rad/time', '' for inf, 'not known' for NaN."""
     return "" if math.isinf(cutoff) else ", cut-off not known" if math.isnan(cutoff) else f", cut-off {cutoff:.4g} rad/time"
 
 
 def package(module: str, why: str, *names: str, otherwise: str = "") -> Any:
-    """A module of an optional package, or an error that says what it is needed for, and last how to install it by its `names`."""
+    """Imports a module of an optional package. The error says what needs it (`why`), and at its end how to install `names`."""
     try:
         return import_module(module)
     except ImportError as error:
         raise MissingPackageError(f"{why}{otherwise}: {installed_by(*names)}") from error
-    except Exception as error:  # numba for one, where it may write its cache nowhere
+    except Exception as error:  # for example numba, where it finds no writable folder for its cache
         raise MissingPackageError(f"{why}{otherwise}, which is installed, but cannot be imported: {error}") from error
 
 
 def set_up_by() -> str:
-    """The command that made the environment of this interpreter, `scripts/setup` of a clone; empty if another one did."""
+    """The path of the `scripts/setup` that created this interpreter's environment, quoted for a shell; '' if none did."""
     stamp = Path(sys.prefix) / ".setup" / "root"
     command = Path(stamp.read_text(encoding="utf-8").strip()) / "scripts" / "setup" if stamp.is_file() else None
     return shlex.quote(str(command)) if command and command.is_file() else ""
@@ -264,9 +267,9 @@ def set_up_by() -> str:
 def installed_by(*names: str, numpy_below: int = 0) -> str:
     """The command that installs packages for this interpreter. It keeps NumPy below a major version, as petsc4py needs.
 
-    It is `scripts/setup EXTRA` in the environment of a clone, else pip's, whichever program is called `pip` in the user's shell.
-    A system's Python that refuses pip (PEP 668) is given an environment of its own, which has all the system's packages as well.
-    Without `numpy_below` the version is the one after that of the NumPy installed.
+    The command is `scripts/setup EXTRA` if that script created the environment. Otherwise it runs pip by this interpreter, since
+    `pip` in the user's shell may belong to another one. Where the system's Python refuses pip (PEP 668), the command first
+    creates a virtual environment that includes the system's packages. The default of `numpy_below` is one above the installed.
     """
     from importlib import metadata  # 30 ms
 
@@ -296,7 +299,7 @@ def finite_number(name: str, value: Any) -> float:
 
 @contextmanager
 def naming(argument: str) -> Iterator[None]:
-    """Context manager: what is wrong with a part of an argument's value, such as an unknown set, names the argument first."""
+    """Context manager: an error about part of an argument's value, such as an unknown set, begins with the argument's name."""
     try:
         yield
     except (InputError, InputTypeError) as error:
@@ -314,7 +317,7 @@ def positive_number(name: str, value: Any) -> float:
 
 
 def whole_number(name: str, value: Any, least: int | None = None, most: int | None = None) -> int:
-    """An int, from `least` to `most` where those are given."""
+    """An int from `least` to `most`, where these limits are given."""
     if type(value).__name__ in NO_NUMBERS or not isinstance(value, Integral):
         raise InputTypeError(f"{name} must be a whole number, not {shown(value)}")
     number = int(value)
@@ -334,7 +337,7 @@ def truth(name: str, value: Any) -> bool:
 
 
 def choice(name: str, value: Any, valid: Iterable[str]) -> str:
-    """One of some words."""
+    """One of the `valid` words."""
     names = list(valid)
     if not isinstance(value, str) or value not in names:
         raise unknown_name(name, value, names)
@@ -342,7 +345,7 @@ def choice(name: str, value: Any, valid: Iterable[str]) -> str:
 
 
 def word(name: str, value: Any) -> str:
-    """A string, such as a name: it is printed, so it may hold no signs that a terminal obeys."""
+    """A string, such as a name. It is printed, so control and format characters, which a terminal may obey, are refused."""
     if not isinstance(value, str):
         raise InputTypeError(f"{name} must be a string, not {shown(value)}")
     if as_word(value) != value:
@@ -351,15 +354,15 @@ def word(name: str, value: Any) -> str:
 
 
 def as_word(text: str) -> str:
-    """A text of a file as a name: control and format characters and surrogates, which `word` refuses, as escapes."""
+    """A text of a file as a name: characters that `word` refuses (control, format, surrogates) become escape sequences."""
     return "".join(sign.encode("unicode_escape", "surrogatepass").decode() if category(sign) in ("Cc", "Cf", "Cs") else sign
                    for sign in text)
 
 
 def csv_cell(text: str) -> str:
-    """A text for a CSV file. A spreadsheet would run one that begins like a formula, so that gets an apostrophe.
+    """A text for a CSV file. An apostrophe is put before a text that begins like a formula, or a spreadsheet would run it.
 
-    One that looks as if it had got one gets another, so that reading takes away one and finds the text.
+    A text that begins with apostrophes and then like a formula gets one more. So a reader that removes one recovers the text.
     """
     text = printable(text).replace("\n", " ")
     return f"'{text}" if text.lstrip("'").startswith(("=", "+", "-", "@")) else text
@@ -373,25 +376,25 @@ def instance(name: str, value: Any, kind: type[T], hint: str = "") -> T:
 
 
 def items(name: str, value: Any, of: str) -> list[Any]:
-    """The elements of a list, tuple, array or other collection `of` something; a string or a mapping is none."""
+    """The elements of a list, tuple, array or other collection `of` something; a string or a mapping is refused."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable) or isinstance(value, type):
         raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}")
     refuse_masked(name, value)
     try:
         return list(value)
-    except (NotImplementedError, TypeError):  # an array of no dimension, a sparse matrix without rows
+    except (NotImplementedError, TypeError):  # an array of no dimension, or a sparse matrix that does not iterate
         raise InputTypeError(f"{name} must be a list of {of}, not {shown(value)}") from None
 
 
 def mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
-    """A dict, or what behaves like one."""
+    """A dict or another mapping."""
     if not isinstance(value, Mapping) or hasattr(value, "shape"):  # SciPy's dok_array is a dict
         raise InputTypeError(f"{name} must be a dict of {of}, not {shown(value)}")
     return value
 
 
 def interval(name: str, value: Any, positive: bool = False) -> tuple[float, float]:
-    """(lo, hi) with lo < hi, both finite; `positive`: from 0 on."""
+    """(lo, hi) with lo < hi, both finite; with `positive` also lo ≥ 0."""
     if isinstance(value, set) or len(pair := items(name, value, "two numbers (lo, hi)")) != 2:
         raise InputTypeError(f"{name} must be a pair (lo, hi), not {shown(value)}")
     lo, hi = (finite_number(name, edge) for edge in pair)
@@ -406,7 +409,7 @@ def check_band(band: object) -> tuple[float, float]:
 
 
 def real_array(name: str, value: Any, finite: bool = True) -> np.ndarray:
-    """An array of float64, copied only if the type differs; `finite`: without NaN or Inf."""
+    """An array of float64, copied only if the type differs; with `finite`, NaN and Inf are refused."""
     import numpy as np
 
     raw = rows(name, value)
@@ -430,7 +433,7 @@ def whole_numbers(name: str, value: Any) -> np.ndarray:
 
 
 def refuse_masked(name: str, value: Any) -> None:
-    """Refuses an array with masked entries, and a list of such: NumPy would go on with what lies below the mask."""
+    """Refuses an array with masked entries, and a list of such arrays: NumPy would use the values below the mask."""
     import numpy as np
 
     if any(isinstance(one, np.ma.MaskedArray) and np.ma.is_masked(one)
@@ -439,7 +442,7 @@ def refuse_masked(name: str, value: Any) -> None:
 
 
 def rows(name: str, value: Any) -> np.ndarray:
-    """An array of anything, whose rows have one length."""
+    """An array of any type; nested lists must have rows of equal length."""
     import numpy as np
 
     refuse_masked(name, value)
@@ -456,14 +459,14 @@ def path_of(name: str, value: Any) -> Path:
     if "\0" in str(value):
         raise InputError(f"{name} holds a NUL character: {shown(str(value))}")
     try:
-        str(value).encode("utf-8", "surrogateescape")  # as Python names files
+        str(value).encode("utf-8", "surrogateescape")  # as Python encodes file names
     except UnicodeEncodeError:
         raise InputError(f"{name} holds a character that no file name has: {shown(str(value))}") from None
     return Path(value)
 
 
 def resolved(path: str | Path) -> Path:
-    """The place of a file or folder without links; where links lead in a circle, as it is named."""
+    """The absolute path of a file or folder, with symbolic links resolved; links that form a loop stay unresolved."""
     try:
         return Path(path).resolve()
     except RuntimeError:  # Python before 3.13
@@ -471,7 +474,7 @@ def resolved(path: str | Path) -> Path:
 
 
 def is_there(path: Path) -> bool:
-    """Whether something has this name, be it a link to nothing; False for a name that cannot be, and where nothing is shown."""
+    """Whether a path exists; a symbolic link to nothing does. False for an invalid name, and where access is denied."""
     try:
         path.lstat()
     except (OSError, ValueError):
@@ -480,14 +483,14 @@ def is_there(path: Path) -> bool:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a file has this name, or is what a link of this name leads to; else as `is_there`."""
+    """Whether a path is a file, or a symbolic link to one. False for an invalid name, and where access is denied."""
     with suppress(OSError):
         return path.is_file()
     return False
 
 
 def listener(name: str, value: Any) -> Callable[[str], None]:
-    """A function that reports progress; for None one that does nothing."""
+    """A function that reports progress; for None, a function that does nothing."""
     if value is None:
         return lambda _: None
     if not callable(value):
@@ -501,7 +504,7 @@ def temporary() -> Path:
     Raises
     ------
     NotEnoughMemoryError
-        In none can a file be written.
+        No folder for temporary files is writable.
     """
     try:
         return Path(gettempdir())
@@ -523,9 +526,9 @@ def hash_of(path: Path) -> str:
 
 
 def unlike(path: Path, known: str, size: int | None = None, raising: bool = False) -> str:
-    """How a file differs from the one with this hash, and with so many bytes if they are known; '' if it does not.
+    """How a file differs from the SHA-256 `known`, and from `size` in bytes where it is given, in words; '' if it does not.
 
-    `raising`: an OSError of reading is raised, not returned as a difference.
+    With `raising`, an OSError of reading is raised, not returned as a difference.
     """
     try:
         if not path.is_file():
@@ -540,22 +543,22 @@ def unlike(path: Path, known: str, size: int | None = None, raising: bool = Fals
 
 
 class Parser:
-    """Python's parser, for one thread at a time."""
+    """The lock by which one thread at a time uses Python's parser."""
 
     lock: ClassVar[Any] = RLock()
 
     @classmethod
     def renew(cls) -> None:
-        """In a forked child, which would wait for ever for a thread of its parent."""
+        """A new lock for a forked child: if a thread of the parent held the old lock, the child would wait for ever."""
         cls.lock = RLock()
 
 
 @contextmanager
 def parsing() -> Iterator[None]:
-    """Context manager: no other thread of femsub makes a syntax tree meanwhile, as the headers of .npy files need one each.
+    """Context manager: no other thread of femsub uses Python's parser meanwhile, as NumPy does to read headers of .npy files.
 
-    Python 3.11 up to 3.11.7 counts the depth of all threads' trees in one number, and raises SystemError where two threads make
-    one at once (python/cpython#106905).
+    Python 3.11 up to 3.11.7 has one recursion counter for the syntax trees of all threads. It raises SystemError where two
+    threads build a tree at once (python/cpython#106905).
     """
     with Parser.lock:
         yield

@@ -239,7 +239,7 @@ def test_a_parameter_is_that_of_the_contacts() -> None:
     sub, methods = fs.chain(10, belt=2), [fs.CraigChang(4)]
     for given, words in (({"values": [0.1]}, "name it, e.g. parameter='mu'"), ({"parameter": "mu"}, "unknown parameter 'mu'"),
                          ({"contacts": fs.Belt(slope=-0.1), "between": (-1.0, 0.0)}, "leave between out"),
-                         ({"critical": [0.1]}, "critical must be 2, of the full model and of each method, not 1")):
+                         ({"critical": [0.1]}, "critical must have 2 values, of the full model and of each method, not 1")):
         with pytest.raises(fs.InputError, match=re.escape(words)):
             fs.study(sub, methods, (0.0, 0.75), repeats=1, **given)  # type: ignore[arg-type]
     slopes = [-0.01, -0.2677]
@@ -268,7 +268,7 @@ def test_without_an_interface_methods_that_coincide_are_compared_once() -> None:
     assert " ".join(free.brief().split()).endswith(" ".join(free.left_out))  # a table of one method only needs its reasons
     joined = fs.study(fs.chain(10, belt=2), methods, (0.0, 0.75), repeats=1)
     assert len(joined.rows) == len(methods) and not joined.left_out
-    assert free.advice(0.5).condition == ["the model has no interface. Nothing is known of it joined to others."]
+    assert free.advice(0.5).condition == ["the model has no interface. Its accuracy when joined to others is unknown."]
 
 
 def test_a_model_that_is_good_free_may_be_bad_held() -> None:

@@ -1,5 +1,5 @@
-"""What people run: the command line, scenes, reports and figures.
+"""The program for users: command line, scenes, reports and figures.
 
-In: the name of a scene or a scene file. Out: what the run printed, as results.json, tables, figures and VTU in one folder.
-What is public comes through the front door, `from femsub import ...`, as for every user.
+In: the name of a scene or a scene file. Out: the printed results, as results.json, tables, figures and VTU in one folder.
+Public names are imported through the front door, `from femsub import ...`, as a user does.
 """

@@ -1,6 +1,6 @@
-"""`femsub audit FILES...`: anybody's reduced model from files, as a scene that asks for its audit alone.
+"""`femsub audit FILES...`: makes a scene that audits a reduced model from files of any program.
 
-The command line reads this module before it knows what is asked: nothing here imports NumPy.
+The command line imports this module for every command, so nothing here imports NumPy.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from femsub.io import keys_of
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
-MODEL = "model.json"  # of a folder of write_matrices
+MODEL = "model.json"  # the index of a folder of write_matrices
 #: options that are keys of the ask, or of the scene
 STATED = {
     "cutoff": ("NUMBER", "the cut-off: all modes below it are kept, as the author states [rad/time]"),
@@ -30,20 +30,20 @@ STATED = {
 
 @dataclass(frozen=True)
 class ModelFiles:
-    """A model as it lies in files: the model.json of a folder of write_matrices, or its matrices."""
+    """The files of a model: the model.json of a folder of write_matrices, or the files of its matrices."""
 
     model: str = key("", "the model.json of a folder of write_matrices", file=True, example="small/model.json",
-                     otherwise="it comes from its matrices")
-    M: str = key("", "the file of the mass matrix", example="M.mtx", file=True, otherwise="that of model")
-    K: str = key("", "the file of the stiffness matrix", required_with="M", example="K.mtx", file=True, otherwise="that of model")
+                     otherwise="the matrices are given")
+    M: str = key("", "the file of the mass matrix", example="M.mtx", file=True, otherwise="from model")
+    K: str = key("", "the file of the stiffness matrix", required_with="M", example="K.mtx", file=True, otherwise="from model")
     D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
     V: str = key("", "the file of the basis, with a row for each DOF of the full model", otherwise="not known", example="V.mtx",
                  file=True)
-    dofs: str = key("", "the file of the DOF map; of a reduced model that of its interface, 'node,component,x,y,z' a line",
-                    otherwise="none", file=True, example="interface.csv")
-    interface: list[int | str] = key([], "interface DOF: of a reduced model its coordinates, from 0; of a full one from 0, or by "
-                                     "the map as '12:uz' or '12:*', in the order of the reduced one", least=0, example=[0, 1, 2],
-                                     otherwise="not known")
+    dofs: str = key("", "the file of the DOF map, with a line 'node,component,x,y,z' per DOF; for a reduced model, the map of "
+                    "its interface", otherwise="none", file=True, example="interface.csv")
+    interface: list[int | str] = key([], "interface DOF, counted from 0: for a reduced model its coordinates; for a full model "
+                                     "its DOF, also as '12:uz' or '12:*' of the map, in the order of the reduced model",
+                                     least=0, example=[0, 1, 2], otherwise="not known")
     kinds: list[str] = key([], "the kind of each coordinate, such as 'constraint' and 'fixed-interface'", otherwise="not stated",
                            example=["constraint", "fixed-interface"])
 
@@ -55,14 +55,14 @@ class ModelFiles:
 
 
 def add_arguments(command: argparse.ArgumentParser) -> None:
-    """The arguments of the command beside those of every run."""
+    """Adds the arguments of this command only; arguments common to all runs are added by the caller."""
     command.add_argument("files", nargs="+", metavar="FILE",
                          help="a folder of write_matrices, or the files of M and K, and of D if there is one")
     command.add_argument("--full", nargs="+", metavar="FILE", default=[], help="the full model, named alike")
     keys = keys_of(ModelFiles)
     for name in ("V", "interface", "dofs", "kinds", "full-dofs", "full-interface"):
         one = keys[name.removeprefix("full-")]
-        meaning = one.meaning if name in keys else f"that of the full model, as --{name.removeprefix('full-')}"
+        meaning = one.meaning if name in keys else f"the same of the full model, see --{name.removeprefix('full-')}"
         command.add_argument(f"--{name}", type=str if one.file else listed, metavar="FILE" if one.file else "LIST",
                              help=meaning if one.file else f"{meaning}; with commas between")
     for name, (shape, text) in STATED.items():
@@ -71,7 +71,7 @@ def add_arguments(command: argparse.ArgumentParser) -> None:
 
 
 def listed(text: str) -> list[int | str]:
-    """[0, "12:uz"] of "0,12:uz"."""
+    """The items of a list with commas: [0, "12:uz"] for "0,12:uz"."""
     words = [word.strip() for word in text.split(",") if word.strip()]
     return [int(word) if word.isdecimal() else word for word in words]
 
@@ -81,7 +81,7 @@ def scene(given: argparse.Namespace) -> Scene:
     from femsub.app.grammar import Scene
 
     def stated(names: Sequence[str], before: str = "") -> dict[str, Any]:
-        """The options that are there, by their keys."""
+        """The options that the user has given, by their keys."""
         return {name: value for name in names if (value := getattr(given, before + name)) is not None}
 
     own = _named(given.files) | stated(("V", "interface", "dofs", "kinds"))
@@ -91,7 +91,7 @@ def scene(given: argparse.Namespace) -> Scene:
 
 
 def _named(files: Sequence[str]) -> dict[str, Any]:
-    """The keys for a folder of write_matrices, or for the files of M, K and D."""
+    """The keys of `ModelFiles` for a folder of write_matrices, or for the files of M, K and D."""
     if len(files) == 1:
         path = Path(files[0])
         if not path.is_dir() and path.name != MODEL:

@@ -1,4 +1,4 @@
-"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub show DIR`, more: `--help`."""
+"""The command line: `femsub scenes`, `femsub new SCENE`, `femsub run SCENE [--out DIR]`, `femsub show DIR`, others: `--help`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from femsub.checks import FemsubError, FemsubWarning, InputError, InputTypeError
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
 
-#: exit statuses as of a shell, 128 and the number of the signal: nobody reads the output any more; Ctrl-C
+#: exit statuses as in a shell, 128 + the number of the signal: the reader of the output has ended; Ctrl-C
 READER_GONE, INTERRUPTED = 128 + signal.SIGPIPE, 128 + signal.SIGINT
 FOLDERS = {"bash": "_shtab_compgen_dirs", "zsh": "_files -/", "tcsh": "d"}  # how shells complete a folder
 SCENE_NAME = "a name from `femsub scenes`, or a scene file"
@@ -43,8 +43,8 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
     _scene_argument(run, "a name from `femsub scenes`, a TOML file, or a results.json: that run again", files=True)
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
-                     help="a Python file with kinds of your own that the file names, or a folder from which its meshes include "
-                     "files: both are refused if they are not beside what names them")
+                     help="allow a Python file with kinds of your own, or a folder from which meshes include files; without "
+                     "this option both must lie beside the file that names them")
     _output(run, "write results.json, one CSV file per table and figures there; else nothing is written")
     checked = commands.add_parser("audit", help="check a reduced model from files, by itself or against the full one")
     audit_command.add_arguments(checked)
@@ -64,7 +64,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _output(command: argparse.ArgumentParser, written: str) -> None:
-    """Where the results go, and what is printed."""
+    """Adds the options for the folder of the results, and for what is printed."""
     out = command.add_argument("--out", metavar="DIR", help=written)
     out.complete = FOLDERS  # type: ignore[attr-defined]
     command.add_argument("--no-figures", action="store_true", help="draw nothing")
@@ -83,12 +83,12 @@ def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = F
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line; 0 if all went well, 2 with one line on stderr where the input was wrong, 1 else.
+    """Runs the command line. Returns 0 on success, 2 for wrong input, 1 for any other failure; the reason is on stderr.
 
-    `doctor` ends with 1 if something is wrong, and `audit` if there is a fault.
+    `doctor` returns 1 if something is wrong, and `audit` if there is a fault. Ctrl-C returns 130, and a closed pipe 141.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:  # closed (2>&-): a file opened later would get its number, and what is printed there
+        if getattr(sys, name) is None:  # closed (2>&-): a file opened later would get its number, and the text printed to it
             setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without Greek letters
@@ -123,18 +123,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _say(text: str) -> None:
-    """Prints to stdout, now: what is left in the buffer would fail where no message can be printed."""
+    """Prints to stdout and flushes: at a later flush, a failure could no longer be reported."""
     try:
         print(printable(text), flush=True)
     except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes once more as it ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes again at its end
         if isinstance(error, BrokenPipeError):
             raise
         raise FemsubError(f"the results could not be printed: {error.strerror}") from None
 
 
 def _printed(options: argparse.Namespace) -> str:
-    """What the other commands print. Each imports what it needs alone."""
+    """The output of the other commands. Each command imports only the modules that it needs."""
     match options.command:
         case "scenes":
             scenes = _scenes()
@@ -181,14 +181,14 @@ def _scenes() -> dict[str, str]:
 
 
 def printable_record(record: logging.LogRecord) -> bool:
-    """A filter: a record's text without what a terminal obeys."""
+    """A filter of logging: escapes control characters, which a terminal would obey, in a record's text."""
     record.msg, record.args = printable(record.getMessage()), ()
     return True
 
 
 @contextmanager
 def _logged(verbose: int) -> Iterator[None]:
-    """The library's log on stderr while a scene runs: nothing, what is done, or every step."""
+    """Context manager: the library's log goes to stderr, not at all (0), at level INFO (1) or DEBUG (2 and more)."""
     log, handler = logging.getLogger("femsub"), logging.StreamHandler(sys.stderr)
     handler.setFormatter(logging.Formatter("femsub: %(message)s"))
     handler.addFilter(printable_record)
@@ -246,7 +246,7 @@ def _run(options: argparse.Namespace, loaded: Callable[[], Scene], trusted: Sequ
 
 
 def _texts(caught: Sequence[warnings.WarningMessage]) -> list[str]:
-    """Each warning once."""
+    """The texts of the warnings, each once."""
     return list(dict.fromkeys(str(item.message) for item in caught))
 
 
@@ -256,7 +256,7 @@ def _print_warnings(caught: Sequence[warnings.WarningMessage]) -> None:
 
 
 def _fail(reason: object, status: int) -> int:
-    """Prints why on stderr; several faults of a file have a line each."""
+    """Prints the reason on stderr, each fault of a file on its own line; returns `status`."""
     for at, line in enumerate(str(reason).splitlines() or [""]):
         print(("  " if at else "femsub: ") + printable(" ".join(line.split())), file=sys.stderr)
     return status

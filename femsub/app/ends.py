@@ -20,7 +20,7 @@ class End(NamedTuple):
 
     @classmethod
     def of(cls, words: str) -> Self:
-        """That of 'disc.track'."""
+        """The end that words such as 'disc.track' name."""
         return cls(*re.fullmatch(r"([^.:]*)([.:]?)(.*)", words, re.DOTALL).groups())  # type: ignore[union-attr]
 
     @property
@@ -32,18 +32,18 @@ class End(NamedTuple):
 class LinkKind(Kind):
     """A joint or a contact: it acts between ends, of which the first two may be surfaces."""
 
-    facing: bool = False  #: whether the second surface takes part where it lies opposite the first alone
+    facing: bool = False  #: whether only those faces of the second surface take part that lie opposite the first
 
     @property
     def tol(self) -> float | None:
-        """The largest distance of what meets, if one is given."""
+        """The largest distance of nodes or faces that meet, if one is given."""
         return None
 
     @property
     def surfaces(self) -> list[str]:
-        """The ends, or the sets 'part.set' that a contact acts between."""
+        """The ends of a joint, or the surfaces 'part.set' between which a contact acts."""
         return []
 
     def ports(self) -> Mapping[str, Mapping[str, Any]]:
-        """Ports that parts need for it, by parts."""
+        """Ports that it needs: part → name of the port → its definition."""
         return {}

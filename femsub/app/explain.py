@@ -1,7 +1,7 @@
 """Scene files explained: `femsub keys` lists kinds and their keys, `femsub new` prints scenes, `femsub schema` is for editors.
 
-`femsub schema > scene.schema.json` writes the schema beside a scene file, where editors look for it. What a schema cannot say is
-checked when a scene is read: names that refer to others, bounds that depend on other keys, the order within [lo, hi], NaN.
+`femsub schema > scene.schema.json` writes the schema beside a scene file, where editors look for it. A schema cannot express all
+rules: references to other names, bounds that depend on other keys, the order in [lo, hi] and NaN are checked on reading a scene.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from femsub.checks import InputError, unknown_name
 from femsub.io import any_of, docstring_lines, first_line, listed_keys, parsed_toml, table_schema, toml_text
 
 DIALECT = "http://json-schema.org/draft-07/schema#"  # the newest one that TOML editors know
-FILE = "scene.schema.json"  # what scene files call it
-#: tables of one kind each, by what stands in brackets
+FILE = "scene.schema.json"  # the name of the schema in scene files
+#: tables that have one kind only, by their names in brackets
 TABLES: dict[str, Any] = {"scene": Settings, "material": MaterialKeys, "parameter": ParameterKeys, "reduce": ReduceKeys}
 
 
@@ -48,7 +48,7 @@ def keys_text(name: str = "") -> str:
 
 
 def new_text(source: str) -> str:
-    """The file of a built-in scene; of a scene file of one's own the whole file that it stands for."""
+    """The text of a built-in scene; for a scene file, its text with the built-in scene that it begins with filled in."""
     path = Path(source)
     if path.suffix != ENDING:
         return f"#:schema {FILE}\n{text_of(source)}"
@@ -61,9 +61,9 @@ def new_text(source: str) -> str:
 
 
 def schema() -> dict[str, Any]:
-    """The schema of scene files. A table of a family is of the kind whose key stands in it, or in the scene that it begins with.
+    """The JSON schema of scene files. A key in a table names its kind, or a key in the same table of the built-in scene below.
 
-    Without kinds of one's own, `use`, a table has no other keys than those of femsub's kinds.
+    Unless a scene has kinds of its user (`use`), its tables may have only keys of femsub's kinds.
     """
     known, strict, whole = Kinds(), dict[str, Any](), dict[str, Any]()
     properties: dict[str, Any] = {"scene": {"enum": list(built_in()),
@@ -78,7 +78,7 @@ def schema() -> dict[str, Any]:
         shapes = [table_schema(known.kind(family, name)) for name in names]
         every: dict[str, Any] = {}
         values: dict[str, list[Any]] = {}
-        for made in shapes:  # editors do not look for completions behind an `if`
+        for made in shapes:  # editors offer no completions from inside an `if`
             for key, one in made["properties"].items():
                 every.setdefault(key, {"description": one.get("description", "")})
                 value = {word: what for word, what in one.items() if word not in ("description", "default")}
@@ -87,7 +87,7 @@ def schema() -> dict[str, Any]:
                         "propertyNames": {"enum": list(values)}}
         strict[family] = {"additionalProperties": one_at_least, "items": one_at_least}
         needed = [{"if": {"required": [name]}, "then": {"required": made.pop("required", [])}} for name, made in zip(
-            names, shapes, strict=True) if family != "ask"]  # of a scene that begins with another one they may stand there
+            names, shapes, strict=True) if family != "ask"]  # for scenes without a built-in one, which may have these keys
         whole[family] = {"additionalProperties": {"allOf": needed}, "items": {"allOf": needed}} if needed else {}
         one_of = {"type": "object", "properties": every, "allOf": [
             {"if": {"required": [name]}, "then": made} for name, made in zip(names, shapes, strict=True)]}

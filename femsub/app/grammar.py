@@ -1,16 +1,16 @@
-"""Scene files: what there is and what is asked, read, checked to the last key and name, and run.
+"""Scene files: models and asks. A scene is read, every key and name in it is checked, and it is run.
 
-    units, band               of all numbers, and the frequencies that matter
+    units, band               the units of all numbers, and the frequencies that matter
     [material.NAME]           E, nu, rho
-    [parameter.NAME]          what may change: its range, or its value
+    [parameter.NAME]          a quantity that may change: its range, or its value
     [part.NAME]               one of the kinds in `femsub.app.parts`
     [[joint]]                 one of `femsub.app.joints`; or [joint.NAME]
     [contact.NAME]            one of `femsub.app.contacts`
     [reduce]                  methods and numbers of modes
     [[ask]]                   one of `femsub.app.asks`
 
-`scene = "brake"` begins with a built-in scene. Keys of a table replace those of its table of the same name, other values replace
-its values as a whole, and so does a list of asks.
+`scene = "brake"` begins with a built-in scene. Keys of a table replace the same keys in that scene's table of the same name. Any
+other value replaces the scene's value as a whole; a list of asks replaces all its asks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 BUILT_IN = files("femsub.app") / "scenes"
 ENDING = ".toml"
 LONGEST_NAME = 100
-#: entries of results.json that are no ask's
+#: entries of results.json that do not belong to an ask
 RESERVED = ("scene", "date", "versions", "machine", "inputs", "files", "model", "size", "interface", "contacts", "repairs",
             "failed", "complete", "tables", "charts", "verdict", "written", "sha256", "warnings")
 
@@ -73,18 +73,18 @@ class Settings:
                                 "converted",
                                 choices=lambda _: SYSTEMS, otherwise="no unit is claimed", example="SI")
     band: list[float] = key([], "the frequencies that matter, in which models are compared", unit="rad/time", least=0,
-                            form="[lo, hi]", otherwise="from 0 to 2 % above the elastic modes that `elastic` says",
+                            form="[lo, hi]", otherwise="from 0 to 2 % above the `elastic` lowest elastic modes",
                             example=[0.0, 1e4])
-    interface: list[str] = key([], "where joined parts are joined to others: 'part.set', 'part' or 'part:0,4'",
-                               otherwise="what is not joined", example=["disc.front"])
-    elastic: int = key(8, "elastic modes that the default of band holds", least=1, most=1000)
+    interface: list[str] = key([], "interface of the joined parts together: 'part.set', 'part' or 'part:0,4'",
+                               otherwise="the parts' interfaces that are not joined", example=["disc.front"])
+    elastic: int = key(8, "number of elastic modes in the default of band", least=1, most=1000)
     figures: bool = key(True, "whether figures are drawn, in the folder given by --out")
     page: bool = key(False, "whether the results are also one page to read, report.html in the folder given by --out")
     use: list[str] = key([], "Python files with kinds of your own", otherwise="none", example=["mine.py"], file=True)
 
 
 def built_in() -> dict[str, str]:
-    """The built-in scenes: their names, and the first line of what each says of itself."""
+    """The built-in scenes: name → first line of the scene's description."""
     order = (BUILT_IN / "order.txt").read_text(encoding="utf-8").split()
     return {name: text_of(name).partition("\n")[0].lstrip("# ").rstrip() for name in order}
 
@@ -95,7 +95,7 @@ def text_of(name: str) -> str:
     Raises
     ------
     InputError
-        There is none of this name.
+        No built-in scene has this name.
     """
     path = BUILT_IN / f"{name}{ENDING}"
     if re.search(r"[/\\]", name) or not path.is_file():
@@ -105,14 +105,14 @@ def text_of(name: str) -> str:
 
 
 def file_word(name: Any) -> str:
-    """A name that may be part of a file's name, or none."""
+    """A name that may be part of a file's name; '' is valid too."""
     if len(word("it", name)) > LONGEST_NAME or set(name) & set("/\\"):
         raise InputError(f"it cannot be part of a file's name. Take at most {LONGEST_NAME} characters without / and \\")
     return str(name)
 
 
 def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> dict[str, Any]:
-    """A scene with the keys of another table in place of its own."""
+    """The scene `below`, with its keys replaced by those of `table`."""
     found = dict(below)
     for name, value in table.items():
         old = below.get(name)
@@ -121,7 +121,7 @@ def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> 
                                        for one, own in value.items()}
         else:
             found[name] = _over(old, value, [])
-    # own matrices in place of those of the scene have parameters of their own: the scene's are left out if nothing has their name
+    # new matrices have their own parameters: a parameter of the scene stays if the table gives it, or if something names it
     words = set(re.findall(r"\w+", repr({name: value for name, value in found.items() if name != "parameter"})))
     if isinstance(several := found.get("parameter"), Mapping) and isinstance(own := table.get("parameter", {}), Mapping):
         found["parameter"] = {name: value for name, value in several.items() if name in own or name in words}
@@ -129,7 +129,7 @@ def merged(below: Mapping[str, Any], table: Mapping[str, Any], kinds: Kinds) -> 
 
 
 def _over(old: Any, new: Any, names: Sequence[str]) -> Any:
-    """Keys over keys, unless the new table is of another kind."""
+    """The old table with the keys of the new one; only the new value if it is of another kind, or if one of them is no table."""
     if not (isinstance(old, Mapping) and isinstance(new, Mapping)):
         return new
     another = {key for key in new if key in names} - set(old)
@@ -137,9 +137,10 @@ def _over(old: Any, new: Any, names: Sequence[str]) -> Any:
 
 
 class SceneSource(NamedTuple):
-    """Where a scene comes from: its file and text, and whether Python files that it names may be run.
+    """The source of a scene: name and text of its file, and which Python files that it names may be run.
 
-    A `variant` has the `store` of the scene whose asks have been checked.
+    These are all files if `allowed`, else those beside the scene file and those of `trusted`. A `variant` shares the `store` of
+    the scene from which it is made, whose asks have been checked.
     """
 
     name: str = ""
@@ -151,23 +152,23 @@ class SceneSource(NamedTuple):
 
 
 class Scene:
-    """A scene: its models and its asks, as in a file. `Scene.from_file(path)` reads one.
+    """A scene: its models and its asks, as in a file. `Scene.from_file(path)` reads a scene file.
 
     Attributes
     ----------
     parts, joints, contacts, materials, parameters : dict
-        The model, by names.
+        The tables of the model, by name.
     reduce : ReduceKeys
-        How it is reduced.
+        Methods and numbers of modes of the reduced models.
     asks : list
         The analyses.
     models : Models
-        The full and the reduced models, made when they are first asked for.
+        The full and the reduced models, each built at its first use.
 
     Raises
     ------
     InputError
-        All that is wrong in it, with the lines of the file.
+        The scene has faults. The message lists them all, with lines of the file.
 
     Examples
     --------
@@ -181,7 +182,7 @@ class Scene:
         source = SceneSource() if source is None else instance("source", source, SceneSource, "which a file's scene has")
         self.folder, self.source, self.variant = path_of("folder", folder), source, source.variant
         self.store: dict[Any, Any] = source.store if source.variant else {}
-        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and those that they include
+        self.texts: list[Path] = self.store.setdefault("texts", [])  # files of meshes, and the files that they include
         faults = Faults("" if source.variant else source.name, source.text)
         with faults.at(("use",)):
             used = table.get("use", [])
@@ -202,9 +203,9 @@ class Scene:
 
     @classmethod
     def from_file(cls, source: str | Path, trusted: Sequence[str] = ()) -> Self:
-        """A scene by the name of a built-in one, or from a TOML file.
+        """A built-in scene by its name, or a scene from a TOML file or from the results.json of a run.
 
-        A Python file that it names in `use` is run only if it lies beside it, or is one of `trusted`.
+        A Python file that the scene names in `use` is run only if it lies beside the scene's file, or is one of `trusted`.
         """
         name, path = str(source), Path(source)
         if not path.is_file():
@@ -226,7 +227,7 @@ class Scene:
         return cls(table, path.parent, SceneSource(name, text, tuple(trusted), False))
 
     def _read(self, faults: Faults, known_as: str) -> None:
-        """Makes all tables into their classes; what cannot be one is noted and left out."""
+        """Converts all tables into objects of their classes. A table that cannot be converted is a fault, and is left out."""
         table = self.table
         families = {"material": MaterialKeys, "parameter": ParameterKeys}
         above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
@@ -237,7 +238,7 @@ class Scene:
         settings = read_table(Settings, above, (), faults) or Settings()
         self.units = Units.of(vars(settings.units) if isinstance(settings.units, UnitKeys) else settings.units)
         hertz = self.units.known
-        if not hertz:  # frequencies again, now that no unit is known
+        if not hertz:  # a second time, now that the unit of time is known to be missing: a frequency in hertz is a fault
             read_table(Settings, above, (), faults, False)
         self.settings, self.figures, self.paged = settings, settings.figures, settings.page
         with faults.at(("name",)):
@@ -272,7 +273,7 @@ class Scene:
         self.reduce: ReduceKeys = (isinstance(given, Mapping) and read_table(ReduceKeys, given, ("reduce",), faults,
                                                                        hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
-            if name not in (every := table.get("part", {})):  # which may have faults of their own
+            if name not in (every := table.get("part", {})):  # parts with faults, which are not in self.parts, included
                 faults.add(("reduce", "methods"), unknown_name("part", name, every))
 
     def _tables(self, family: str, faults: Faults) -> Iterator[tuple[str, tuple[Any, ...], Mapping[str, Any]]]:
@@ -292,11 +293,11 @@ class Scene:
                 yield str(name + 1 if listed else name), (family, name), one
 
     def place(self, family: str, name: str) -> tuple[Any, ...]:
-        """Where a table stands, from its name."""
+        """The place of a table in the file, from its name."""
         return (family, int(name) - 1 if isinstance(self.table.get(family), list) else name)
 
     def module(self, name: Any) -> ModuleType:
-        """A Python file of the user's, which is run: it lies beside the scene file, or the user has allowed it."""
+        """Runs a Python file of the user, and returns its module. It must lie beside the scene file, or be `trusted`."""
         path = self.folder / word("it", name)
         if not self.source.allowed and not is_beside(path, self.folder, self.source.trusted):
             raise InputError(f"the Python file {path} is not beside the scene file, and would be executed. Read it first, then "
@@ -306,11 +307,11 @@ class Scene:
         found: ModuleType = self.store["module", path]
         return found
 
-    # meshes, and what joints and contacts need of parts
+    # meshes, and the interfaces and ports of parts that joints and contacts need
 
     @cached_property
     def meshes(self) -> dict[str, Mesh]:
-        """The meshes of all parts that have one, with the sets of what lies opposite a surface."""
+        """The meshes of all parts that have one, with sets of the nodes that lie opposite the surface of a joint or contact."""
         found: dict[str, Mesh] = {}
         for name in self.parts:
             with self.faults.at(("part", name)):
@@ -329,7 +330,7 @@ class Scene:
 
     def facing(self, link: LinkKind) -> Facing:
         """The faces of the second surface of a joint or contact that lie opposite the first."""
-        from femsub import facing  # with NumPy, which a wrong file should not wait for
+        from femsub import facing  # late, since it imports NumPy: the error for a wrong file should not wait for that
 
         first, second = map(End.of, link.surfaces)
         owners = [end.part for end in (first, second) if end.part in self.parts]
@@ -347,14 +348,14 @@ class Scene:
         if place not in self.store:
             from femsub.io import texts_read
 
-            with texts_read() as texts:  # a mesh does not depend on what joins the part
+            with texts_read() as texts:  # a mesh does not depend on joints: no interface and ports are needed
                 self.store[place] = part.mesh(PartSite(name, self.folder, self.materials, [], {}))
             self.texts += texts
         found: Mesh | None = self.store[place]
         return found
 
     def site(self, name: str) -> PartSite:
-        """Where a part is made, with the interface and the ports that joints and contacts need of it."""
+        """The data from which a part is built, with the interface and the ports that joints and contacts need."""
         interface: list[Any] = []
         ports: dict[str, Any] = {}
         for joint in (*self.joints.values(), *self.contacts.values()):
@@ -376,7 +377,7 @@ class Scene:
         return Models(self)
 
     def varied(self, changes: Mapping[str, Any]) -> Scene:
-        """The scene with other values at 'part.chain.belt' and the like."""
+        """A variant of the scene with changed values: path of a key, such as 'part.chain.belt' → value."""
         table = deepcopy(self.table)
         for path, value in changes.items():
             *above, last = path.split(".")
@@ -399,13 +400,13 @@ class Scene:
         return made
 
     def run(self, progress: Progress) -> Result:
-        """All that is asked, in the order of the file."""
+        """Runs all asks, in the order of the file."""
         from femsub.app.run import run_all
 
         return run_all(self, progress)
 
     def without_figures(self) -> Self:
-        """The scene, which draws nothing."""
+        """Switches figures off, and returns the same scene."""
         self.figures = self.table["figures"] = False
         return self
 
@@ -414,7 +415,7 @@ class Scene:
         return f"Scene {self.name!r}: {kinds}; asks {', '.join(ask.title for ask in self.asks)}"
 
     def file_places(self, table: Mapping[str, Any]) -> Iterator[tuple[Any, Any]]:
-        """The values of a scene's table that name files: the table or list in which each stands, and its key or place there."""
+        """The places of values in a scene's table that name files, as (table, key) or (list, index)."""
         def within(kind: Any, table: Any) -> Iterator[tuple[Any, Any]]:
             for name, one in keys_of(kind).items():
                 at = spelt(kind, name)

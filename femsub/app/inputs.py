@@ -11,14 +11,14 @@ from femsub.io import newest, results_of
 
 
 def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
-    """The keys of the scene that a results.json holds, as in a scene file, and the folder in which its files are.
+    """The table of the scene in a results.json, as in a scene file, and the folder to which its file names are relative.
 
-    A file that is not where it was is looked for beside results.json.
+    A file of the scene that is no longer at its place is looked for beside results.json.
 
     Raises
     ------
     InputError
-        Not a results.json of a run; a file of the scene is missing, or no longer what it was.
+        The file is no results.json of a run; a file of the scene is missing, or has changed.
     """
     path = newest(path.parent, path.name)
     known = results_of(path, compared=True)
@@ -46,10 +46,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
 
 
 def _table(value: Any, file: str = "", name: str = "") -> Any:
-    """A table whose values that name the file give its new name.
-
-    'model.mat:K' names the matrix K in a file.
-    """
+    """A copy of a table in which values that name `file` name `name` instead, also as in 'model.mat:K', a matrix in a file."""
     if isinstance(value, list):
         return [_table(item, file, name) for item in value]
     if isinstance(value, dict):

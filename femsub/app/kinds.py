@@ -1,8 +1,8 @@
-"""Kinds: what may stand in a scene file, each a class with keys in a file of its own.
+"""Kinds of tables in a scene file. Each kind is a class with keys, in its own Python file.
 
-A family is a folder of them: parts, joints, contacts, asks. A table of a file is of the kind whose name is one of its keys,
-`critical = "mu"`, and that key is the first field of the class. Others come from Python files that a scene names in `use`, and
-from packages by an entry point of the group `femsub.kinds`.
+A family is a folder of kinds: parts, joints, contacts, asks. The kind of a table is the one whose name is a key of the table,
+such as `critical = "mu"`; this key is the first field of the class. Further kinds come from Python files that a scene names in
+`use`, and from packages with an entry point of the group `femsub.kinds`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ FAMILIES = ("part", "joint", "contact", "ask")
 
 
 class Kind:
-    """A table of a scene file. `KIND` is the key that says of which kind it is, and `FAMILY` where it stands."""
+    """A table of a scene file. `KIND` is the key that names its kind; `FAMILY` is the kind's family, such as 'ask'."""
 
     KIND: ClassVar[str] = ""
     FAMILY: ClassVar[str] = ""
@@ -34,7 +34,7 @@ class Kind:
 
 @cache
 def _packaged() -> dict[str, dict[str, str]]:
-    """The modules of kinds, by family and by the names of kinds; nothing is imported but the folders."""
+    """Family → name of a kind → name of its module. Only the packages of the families are imported, not these modules."""
     found: dict[str, dict[str, str]] = {}
     for family in FAMILIES:
         package = import_module(f"femsub.app.{family}s")
@@ -45,7 +45,7 @@ def _packaged() -> dict[str, dict[str, str]]:
 
 @cache
 def _installed() -> tuple[ModuleType, ...]:
-    """The modules of kinds that installed packages have; to look through all of them takes as long as a small scene."""
+    """The modules with kinds of installed packages. Kept, since a search of all packages takes as long as a small scene."""
     return tuple(one.load() for one in entry_points(group="femsub.kinds"))
 
 
@@ -66,23 +66,23 @@ class Kinds:
                 self.own[kind.FAMILY, kind.KIND] = kind
 
     def names(self, family: str) -> list[str]:
-        """All of a family."""
+        """The names of all kinds of a family."""
         return sorted({*_packaged()[family], *(name for own, name in self.own if own == family)})
 
     def kind(self, family: str, name: str) -> type[Any]:
-        """The class of a kind."""
+        """The class of the kind with this name."""
         if (found := self.own.get((family, name))) is not None:
             return found
         module = import_module(_packaged()[family][name])
         return next(one for one in defined_in(module) if name == one.KIND)
 
     def of(self, family: str, table: Mapping[str, Any]) -> type[Any]:
-        """The kind that a table is of.
+        """The class of the kind that a table names.
 
         Raises
         ------
         InputError
-            The table names none, or more than one.
+            The table names no kind, or more than one.
         """
         names = self.names(family)
         known = [name for name in table if name in names]
@@ -97,7 +97,7 @@ class Kinds:
 
 
 def is_beside(path: Path, folder: Path, trusted: Sequence[str]) -> bool:
-    """Whether a Python file lies in a folder itself, or is one that the user has allowed."""
+    """Whether a Python file lies directly in the folder, or is one of `trusted`, which the user has allowed."""
     with suppress(ValueError):
         whole = resolved(path)
         return whole.parent == resolved(folder) or whole in map(resolved, trusted)
@@ -105,12 +105,12 @@ def is_beside(path: Path, folder: Path, trusted: Sequence[str]) -> bool:
 
 
 def kinds_file(path: Path) -> ModuleType:
-    """A Python file with kinds, which is run.
+    """Runs a Python file with kinds, and returns its module.
 
     Raises
     ------
     InputError
-        There is none, or it fails.
+        There is no such file, or it fails.
     """
     if not path.is_file():
         raise InputError(f"there is no file {path}")

@@ -1,4 +1,4 @@
-"""How a scene is reduced: methods, numbers of modes, and the steps that each model takes."""
+"""The keys of a scene's reduction: methods, numbers of modes, and the steps of each reduced model."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from femsub import reduction
 from femsub.app.kinds import key
 from femsub.checks import InputError, unknown_name
 
-WHOLE = ("contact-modes", "real-modes", "box")  # of the joined model
-FULL = "full"  # a part that stays as it is
+WHOLE = ("contact-modes", "real-modes", "box")  # methods that reduce the joined model
+FULL = "full"  # a part that is not reduced
 DEFAULT = ("craig-bampton", "craig-chang")
 
 
 def checked(entry: Any) -> Any:
-    """An entry of methods with the names that femsub has for them.
+    """An entry of `methods`, with each method's name replaced by its key in femsub.
 
     Raises
     ------
     InputError
-        No such method; a table or a list in which there is none.
+        A method is unknown; the entry is an empty table or list, or is of another type.
     """
     if isinstance(entry, str):
         name = reduction.method_key(entry)
@@ -42,11 +42,11 @@ class ReduceKeys:
 
     methods: list[Any] = key(list(DEFAULT), "the methods: a name; {disc = \"rubin\", pad = \"guyan\"}, part by part; or steps, "
                              "[\"rubin\", \"contact-modes\"]. Of the joined model: contact-modes, real-modes, box")
-    modes: list[int] = key([10, 20], "numbers of modes to compare, for each method; of joined parts in each part", least=0)
-    sizes: list[int] = key([], "numbers of DOF, in place of modes, of a scene with one part", least=1, otherwise="modes holds")
+    modes: list[int] = key([10, 20], "numbers of modes to compare, for each method; with joined parts, modes per part", least=0)
+    sizes: list[int] = key([], "numbers of DOF, in place of modes, for a scene with one part", least=1, otherwise="modes is used")
     ports: bool = key(True, "whether the static response to ports joins each basis")
     tolerance: float = key(1e-3, "relative error that the recommended model may have", above=0)
-    repeats: int = key(5, "runs per time that is measured", least=1, most=1000)
+    repeats: int = key(5, "runs per measured time", least=1, most=1000)
     workers: int = key(0, "processes that reduce parts side by side", least=0, otherwise="none but this one")
 
     def __post_init__(self) -> None:
@@ -65,7 +65,7 @@ class ReduceKeys:
         return " and ".join(map(label, self.methods))
 
     def parts_named(self) -> Iterable[str]:
-        """The parts that tables of methods name."""
+        """The parts that are named by tables of methods."""
         for entry in self.methods:
             for one in entry if isinstance(entry, list) else [entry]:
                 if isinstance(one, Mapping):

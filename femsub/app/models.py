@@ -1,4 +1,4 @@
-"""The models of a scene: the full one, those reduced, their modes. Each is made when it is first asked for, and once."""
+"""The models of a scene, full and reduced, and their modes. Each is computed at its first use, and only once."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A model: 'full' or the key of its method, the modes kept, and the models before each of its steps."""
+    """A model with its `kind` ('full', or the key of its method), its number of modes, and the models `before` each step."""
 
     kind: str
     modes: int
@@ -36,11 +36,11 @@ class Known:
 
     @property
     def head(self) -> dict[str, Any]:
-        """The first columns of its rows."""
+        """The first columns of the model's rows in tables."""
         return {"model": self.kind, "modes": self.modes, "size": self.model.size}
 
     def expand(self, q: Array) -> Array:
-        """Motions of the full model, (n, k), of those of this one."""
+        """Motions (n, k) of the full model from motions (r, k) of this model."""
         after = [*self.before[1:], self.model] if self.before else []
         for above, here in zip(reversed(self.before), reversed(after), strict=True):
             q = above.collected(here.expand(q)) if isinstance(here, fs.System) else here.expand(q)
@@ -49,17 +49,17 @@ class Known:
 
 @dataclass(eq=False)
 class Models:
-    """What there is of a scene. `say` reports a step; `store` is shared by all variants of the scene."""
+    """The models, contacts, bands and modes of a scene. `say` reports progress; all variants of a scene share its `store`."""
 
     scene: Scene
     say: Callable[[str], None] = field(default=lambda text: None)
 
     def of(self, scene: Scene) -> Models:
-        """Those of a variant of the scene."""
+        """The models of a variant of the scene."""
         return Models(scene, self.say)
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What was made before under a key, or is made now."""
+        """The object that the store has under a key; at the first call `make` creates it."""
         store = self.scene.store
         if key not in store:
             store[key] = make()
@@ -67,7 +67,7 @@ class Models:
 
     @cached_property
     def _key(self) -> str:
-        """All that the full model depends on."""
+        """All inputs on which the full model depends, as one text."""
         scene = self.scene
         surfaces = [(name, one.surfaces, one.facing) for name, one in scene.contacts.items()]
         return repr((scene.parts, scene.joints, scene.materials, surfaces, str(scene.folder)))
@@ -76,7 +76,7 @@ class Models:
 
     @cached_property
     def _built(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, str], float]:
-        """The full model, meshes by the names of its parts, the pieces of parts that are cut, and the seconds it took."""
+        """The full model; name of a part in it → mesh; part of the scene → names of its pieces; seconds that this took."""
         return self.kept(("full", self._key), self._build)
 
     def _build(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, list[str]], float]:
@@ -114,12 +114,12 @@ class Models:
         raise AssertionError
 
     def _end(self, words: str, at: int, joint: LinkKind, parts: Mapping[str, Any]) -> Any:
-        """'ground', or (part, set), (part, DOF): what `couple` takes."""
+        """An end as `couple` takes it: 'ground', (part, set) or (part, list of DOF)."""
         if words == GROUND:
             return GROUND
         end = End.of(words)
         if (part := parts.get(end.part)) is None:
-            raise InputError(f"{end.part!r} is cut into pieces, which are joined to each other alone")
+            raise InputError(f"{end.part!r} is cut into pieces, which are joined only to each other")
         if end.mark == ":":
             return end.part, end.dofs
         if end.mark and at == 1 and joint.facing:
@@ -129,7 +129,7 @@ class Models:
         if not len(part.interface):
             raise InputError(f"{end.part!r} has no interface: give it one, or name here where it is joined")
         whole = [one for one, rows in part.sets.items() if len(rows) == len(part.interface_numbers)]
-        return end.part, whole[0] if whole else part.interface.tolist()  # a set is matched by place, a list in its order
+        return end.part, whole[0] if whole else part.interface.tolist()  # `couple` pairs sets by position, lists by order
 
     @property
     def full(self) -> Any:
@@ -178,7 +178,7 @@ class Models:
 
     @cached_property
     def contacts(self) -> list[Any]:
-        """All contacts, as they are given."""
+        """All contacts, with the values that [parameter.NAME] gives."""
         found = []
         for name, one in self.scene.contacts.items():
             with self.scene.faults.at(self.scene.place("contact", name)):
@@ -191,7 +191,7 @@ class Models:
 
     @property
     def linear(self) -> list[Any]:
-        """The contacts for linear analyses: of belts the slope alone."""
+        """The contacts for linear analyses: belts have only their slope, no friction law."""
         return [fs.Belt(port=one.port, force=one.force, slope=one.slope) if isinstance(one, fs.Belt) else one for one
                 in self.contacts]
 
@@ -211,10 +211,10 @@ class Models:
 
     @cached_property
     def normal(self) -> fs.NormalModes:
-        """The lowest normal modes of the full model: those of the default band, and what is rigid."""
+        """The lowest normal modes of the full model: the rigid-body modes, and the elastic modes of the default band."""
         def modes() -> fs.NormalModes:
             self.say("normal modes")
-            rigid = len(MOTIONS)  # at most
+            rigid = len(MOTIONS)  # the largest possible number of rigid-body modes
             return fs.normal_modes(self.full, count=max(1, min(rigid + self.scene.settings.elastic, self.full.size - rigid)))
 
         return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
@@ -227,17 +227,17 @@ class Models:
 
     @cached_property
     def band(self) -> tuple[float, float]:
-        """The band of the scene, or from 0 to beyond its lowest elastic modes."""
+        """The band of the scene; if it gives none, from 0 to just above its lowest elastic modes."""
         if self.given_band is not None:
             return self.given_band
         return self.normal.elastic_band(self.scene.settings.elastic)
 
     def band_of(self, given: Sequence[float]) -> tuple[float, float]:
-        """That of an ask, or of the scene."""
+        """The band of an ask if it gives one, else the band of the scene."""
         return (given[0], given[1]) if given else self.band
 
     def band_below(self, known: Known, given: Sequence[float] = ()) -> tuple[float, float]:
-        """That of an ask, or of the scene, up to a model's cut-off.
+        """The band of an ask, or of the scene, up to the model's cut-off.
 
         Raises
         ------
@@ -254,7 +254,7 @@ class Models:
     # reduced models
 
     def reductions(self) -> list[tuple[str, int, tuple[Any, ...]]]:
-        """Each model's key, number of modes, and steps: for each method each number of modes."""
+        """(key, number of modes, steps) of each reduced model: every method with every number of modes."""
         keys, found = self.scene.reduce, dict[str, tuple[str, int, tuple[Any, ...]]]()
         for entry in keys.methods:
             for row, count in enumerate(keys.sizes or keys.modes):
@@ -269,7 +269,7 @@ class Models:
         return list(found.values())
 
     def _step(self, entry: Any, row: int, count: int, sized: bool) -> Any:
-        """A method, or a mapping of parts to methods, with so many modes or all that there is room for."""
+        """One step: a method, or a mapping of parts to methods, with `count` modes (DOF if `sized`), or as many as fit."""
         full = self.full
         if entry == FULL:
             return None
@@ -299,12 +299,12 @@ class Models:
         return mapping
 
     def reduced_model(self, key: str, count: int, steps: tuple[Any, ...]) -> Known:
-        """The model after all steps."""
+        """The reduced model after all steps."""
         def reduce() -> Known:
             self.say("a box of parameters" if isinstance(steps[-1], fs.ParameterBox) else in_words(steps))
             before, model = list[Any](), self.full
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", PortWarning)  # the figure is in the tables
+                warnings.simplefilter("ignore", PortWarning)  # the tables show the port error
                 for step in steps:
                     before.append(model)
                     if isinstance(step, fs.ContactModes):
@@ -333,12 +333,12 @@ class Models:
 
     @property
     def every(self) -> Iterator[Known]:
-        """The full model, and those reduced."""
+        """The full model, then the reduced models."""
         yield self.exact
         yield from self.reduced
 
     def chosen(self, which: str) -> list[Known]:
-        """'full', 'reduced' or 'all'; 'best' is the largest of the last method, or the full one without reduced ones."""
+        """The models that 'full', 'reduced', 'all' or 'best' names; the full model if the scene has no reduced ones."""
         if which == FULL or not self.scene.reduce.methods:
             return [self.exact]
         if which == "best":
@@ -347,7 +347,7 @@ class Models:
 
     @cached_property
     def best(self) -> Known:
-        """The largest model of the last method; of joined models under contacts that of contact modes."""
+        """The largest model by contact modes alone, if there is one, else the largest model of the last method."""
         if not self.scene.reduce.methods:
             return self.exact
         steps = self.reductions()
@@ -360,7 +360,7 @@ class Models:
 
     def spectrum(self, known: Known, values: Mapping[str, float] | None = None, band: tuple[float, float] | None = None,
                  evidence: bool | None = None) -> fs.ComplexModes:
-        """Complex modes in a band at values of parameters, all without a band. `evidence`: False if they need not be counted."""
+        """Complex modes at values of parameters, in a band or all of them; with `evidence` False they need not be counted."""
         given = dict(values or {})
 
         def modes() -> fs.ComplexModes:
@@ -392,9 +392,10 @@ class Models:
         return given.value
 
     def over(self, known: Known, names: Sequence[str], between: tuple[float, float] | None = None) -> tuple[Any, Any]:
-        """A model and its contacts, for analyses over parameters: of matrices, and with changes, a family without contacts.
+        """A model and its contacts, for analyses over the parameters `names`.
 
-        So it is over a range of one parameter in which the contacts are affine: the matrices of the family are made once.
+        If a parameter changes matrices or the model, the result is a family of pencils, which includes the contacts, and None. It
+        is so too if the contacts are affine over the range `between` of one parameter: the family's matrices are formed once.
         """
         changes = {name: one.change(self) for name, one in self.scene.parameters.items() if name in names and one.acts}
         if self.pencil and known is self.exact:
@@ -416,7 +417,10 @@ class Models:
     # shapes
 
     def drawn(self, u: Array) -> dict[str, tuple[fs.Mesh, Array]]:
-        """The parts' meshes of each kind as one, and motions u (n, k) on it, (nodes, 3, k), the largest of all parts 1."""
+        """Kind of cells → joined mesh of the parts with this kind, and the motions u (n, k) on it as (nodes, 3, k).
+
+        Each motion is scaled so that its largest displacement of all parts is 1.
+        """
         moved = {next(iter(self._built[2])): u} if self.alone else self.full.expand(u)
         fields: dict[str, Array] = {}
         for name, mesh in self.meshes.items():
@@ -436,7 +440,7 @@ class Models:
 
     @property
     def marks(self) -> dict[str, Array]:
-        """Nodes of the contacts and of the interface, as rows of the one mesh; none of several kinds."""
+        """Nodes of the contacts and of the interface, as rows of the joined mesh; none if there are several kinds of mesh."""
         if len({mesh.kind for mesh in self.meshes.values()}) != 1:
             return {}
         starts = dict(zip(self.meshes, np.cumsum([0, *(len(mesh.points) for mesh in self.meshes.values())]), strict=False))
@@ -457,5 +461,5 @@ class Models:
 
 
 def within_room(step: fs.ContactModes, model: Any) -> fs.ContactModes:
-    """Contact modes of a model that has been reduced before: at most as many as it has room for."""
+    """Contact modes of a model that is already reduced: the step with at most model.size - 1 modes."""
     return replace(step, modes=min(step.modes or 0, model.size - 1))

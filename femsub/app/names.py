@@ -1,4 +1,4 @@
-"""Names in scene files: each refers to what is there, and every part is joined to the others."""
+"""Checks of names in scene files: each name must exist, and every part must be joined to the others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def check_names(scene: Scene, faults: Faults) -> None:
-    """Notes all names that do not exist, parts that are joined to nothing, and analyses that cannot be."""
+    """Notes as faults all unknown names, parts that are joined to nothing, and asks that the scene does not allow."""
     meshes: dict[str, Any] = {}
     for name, part in scene.parts.items():
         with faults.at(("part", name)):
@@ -64,7 +64,7 @@ def check_names(scene: Scene, faults: Faults) -> None:
 
 
 def lone(scene: Scene, links: Sequence[set[str]]) -> list[str]:
-    """Parts that nothing joins to most of the others, and that no analysis names."""
+    """Parts that are not connected to the largest group of joined parts, and that no ask names."""
     named = {name for ask in scene.asks for name in ask.parts_named()}
     groups = [{name} for name in scene.parts if name not in named]
     for link in links:
@@ -76,7 +76,7 @@ def lone(scene: Scene, links: Sequence[set[str]]) -> list[str]:
 
 
 def check_end(scene: Scene, words: str, meshes: Mapping[str, Any], port: bool) -> None:
-    """Refuses an end of a joint or contact that is not there."""
+    """Refuses an end of a joint or contact that does not exist, or that cannot be joined."""
     if words == GROUND:
         return
     end, every = End.of(words), scene.table.get("part", {})

@@ -1,4 +1,4 @@
-"""The page of a finished run, report.html, from what is in its folder."""
+"""The page of a finished run, report.html, from the files of its folder."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ PAGE_FILE = "report.html"
 
 
 def show(folder: Path) -> Path:
-    """Makes the page of a finished run from what is in its folder; nothing is computed.
+    """Writes the page of a finished run from the files of its folder, and returns the page's path; nothing is computed.
 
     Raises
     ------
     InputError
-        The folder holds no results of a run, or damaged ones; a run writes into it.
+        The folder holds no results of a run, or damaged ones, or a run is writing into it.
     """
     check_plotly()
     with output_folder(str(folder)) if folder.is_dir() else nullcontext():

@@ -1,4 +1,4 @@
-"""What a run rests on, written into its results.json: all inputs, hashes of files, versions, machine, date and commit."""
+"""The record of a run in its results.json: all inputs, hashes of files, versions, machine, date and commit."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from femsub.checks import FemsubWarning, InputError, first_few, hash_of, install
 from femsub.io import RESULTS, Writer, remove, results_of, texts_read
 from femsub.output import to_json
 
-OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of what scenes write
+OURS = (".json", ".csv", ".png", ".vtu", ".pvd", ".html")  # endings of the files that scenes write
 
 
 class Record:
-    """A run whose results go into a folder: it is made before the run begins.
+    """A run whose results are written into a folder. It is created before the run begins.
 
     Raises
     ------
     InputError
-        The folder holds the results of another scene.
+        The folder holds the results of another scene, or a results.json that femsub did not write.
     """
 
     def __init__(self, scene: Scene, folder: Path) -> None:
@@ -40,7 +40,7 @@ class Record:
         if scene.paged:
             from femsub.output import check_plotly
 
-            check_plotly()  # not after hours
+            check_plotly()  # now, not after hours of computing
         self.last: dict[str, Any] = {}  # the files that the last run of this scene wrote into the folder, with their hashes
         place = folder / RESULTS
         if is_there(place):
@@ -62,7 +62,7 @@ class Record:
             table[name] = self._place(path) + matrix
 
     def run(self, progress: Progress) -> Result:
-        """Runs the scene; text files that its files include are noted."""
+        """Runs the scene, and records the text files that its files include."""
         with texts_read() as texts:
             result = self.scene.run(progress)
         known = {item["path"] for item in self.files}
@@ -71,7 +71,7 @@ class Record:
         return result
 
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
-        """Writes the results, takes away what only the last run of this scene wrote, and warns of other files of results."""
+        """Writes the results. Removes files that only the last run of this scene wrote, and warns of other result files."""
         data: dict[str, Any] = {
             "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), **run_on(),
             "inputs": self.inputs, "files": self.files}
@@ -90,14 +90,14 @@ class Record:
         return written
 
     def _place(self, path: Path) -> str:
-        """A file as seen from the folder of the results, with which it may be moved."""
+        """The path of a file relative to the folder of the results, so that both can be moved together."""
         whole, folder = resolved(path.parent) / path.name, resolved(self.folder)
         shared = next(above for above in (folder, *folder.parents) if whole.is_relative_to(above))
         up = [".."] * len(folder.relative_to(shared).parts)
         return Path(*up, whole.relative_to(shared)).as_posix()
 
     def _described(self, paths: Iterable[Path]) -> list[dict[str, Any]]:
-        """Place, hash and size of each; what is wrong with one that cannot be read, the scene says."""
+        """Path, hash and size of each file. An unreadable file is left out: the scene reports it."""
         found = []
         for path in paths:
             with suppress(PermissionError):
@@ -107,7 +107,7 @@ class Record:
 
 
 def _page(result: Result) -> dict[str, Writer]:
-    """The page of a run: of what is in its results.json, and of the mode's file, if the scene has made one."""
+    """The page of a run, from the data of its results.json, and from the mode's file if the scene has one."""
     from femsub.app.page import PAGE_FILE
     from femsub.io import read_mode, toml_text
     from femsub.output import MODE_FILE, write_page

@@ -22,12 +22,12 @@ from femsub.output import UNKNOWN, Units, for_json
 
 @contextmanager
 def output_folder(folder: str | None) -> Iterator[Path | None]:
-    """The output folder, made and locked: no other run writes into it meanwhile. One that stays empty is taken away again.
+    """Context manager: creates and locks the output folder, so that no other run writes into it. An empty one is removed.
 
     Raises
     ------
     InputError
-        It cannot be made or written, or another process writes into it.
+        The folder cannot be created or written, or another process writes into it.
     """
     if folder is None:
         yield None
@@ -49,14 +49,14 @@ def output_folder(folder: str | None) -> Iterator[Path | None]:
 
 
 def write(result: Result, folder: Path, figures: bool, units: Units = UNKNOWN, name: str = "results") -> list[Path]:
-    """name.json, a CSV file for each table, the figures and the scene's own files, all or none; what was written."""
+    """Writes name.json, a CSV file for each table, the figures and the scene's own files, all or none; returns their paths."""
     index, writers = f"{name}.json", result.writers(figures, units)
     written = put(folder, with_index(writers, index, for_json(result.data | {"written": [index, *writers]})))
     return [written[-1], *written[:-1]]
 
 
 def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
-    """Writes files into the folder, all or none.
+    """Writes files into the folder, all or none; returns their paths.
 
     Raises
     ------
@@ -70,12 +70,12 @@ def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
 
 
 def run_on() -> dict[str, Any]:
-    """What a run rests on beside its inputs: versions, and the machine."""
+    """The versions of packages and the machine of a run."""
     return {"versions": versions(), "machine": machine()}
 
 
 def versions() -> dict[str, Any]:
-    """Of femsub, Python and the packages at work so far; which of them factorised sparse matrices, and femsub's commit."""
+    """Versions of femsub, Python and the packages used so far, femsub's commit, and the packages that factorised matrices."""
     import scipy
 
     found = {"femsub": femsub.__version__, "commit": commit(Path(__file__).parent), "python": platform.python_version(),
@@ -87,12 +87,12 @@ def versions() -> dict[str, Any]:
 
 
 def progress(text: str) -> None:
-    """One line on stderr that overwrites itself; nothing where stderr is not a terminal."""
+    """Prints one line on stderr that replaces the last one; prints nothing if stderr is not a terminal."""
     if sys.stderr.isatty():
         print(f"\r\033[K{printable(text[:100])}", end="", file=sys.stderr, flush=True)
 
 
 def progress_done() -> None:
-    """Takes the progress line away."""
+    """Removes the progress line."""
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr, flush=True)

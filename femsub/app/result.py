@@ -1,4 +1,4 @@
-"""The words of kinds: what a scene has computed, as values of `femsub.output`."""
+"""The names of `femsub.output` with which kinds describe their results."""
 
 from __future__ import annotations
 

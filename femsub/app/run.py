@@ -1,4 +1,4 @@
-"""Runs a scene: all that is asked, in the order of the file. What fails, or is interrupted, takes nothing from what was done."""
+"""Runs a scene: all asks in the order of the file. A failure or an interruption keeps the results of the other asks."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def run_all(scene: Scene, progress: Progress) -> Result:
     Raises
     ------
     FemsubError
-        The first failure, where every ask has failed; what is wrong with the models.
+        The first failure, if every ask has failed; a fault of the models.
     """
     models = Models(scene, lambda text: progress(f"{scene.name}: {text}"))
     scene.__dict__["models"] = models
@@ -33,7 +33,7 @@ def run_all(scene: Scene, progress: Progress) -> Result:
             models.say(ask.KIND)
             try:
                 part = renamed(ask.run(models), name, ask)
-            except FemsubError as error:  # the others are worth having without it
+            except FemsubError as error:  # the other asks do not need this one
                 failed[name] = error
                 part = Result({}, [f"{name}: failed; {error}"])
             parts.append(part)
@@ -58,7 +58,7 @@ def run_all(scene: Scene, progress: Progress) -> Result:
 
 
 def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
-    """What the model is, as data and as the first lines."""
+    """A description of the model, as data and as the first printed lines."""
     scene = models.scene
     if not scene.parts:
         return {}, []
@@ -89,7 +89,7 @@ def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
 
 
 def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
-    """Each ask with the name of its results: of several of one name the later ones have a number."""
+    """(name, ask) of each ask. The name is the ask's title; if several have the same title, later ones get a number."""
     found: list[tuple[str, Ask]] = []
     for ask in asks:
         taken, name, number = {name for name, _ in found}, ask.title, 1
@@ -101,7 +101,7 @@ def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
 
 
 def renamed(found: Result, name: str, ask: Ask) -> Result:
-    """A result whose tables, figures and files bear the name of the ask in place of that of its kind."""
+    """The result with tables, figures and files named after the ask instead of after its kind."""
     def named(old: str) -> str:
         return name + old[len(ask.KIND):] if old.startswith(ask.KIND) and name != ask.KIND else old
 

@@ -50,7 +50,10 @@ def complex_pictures(name: str, drawn: Mapping[str, Drawn], words: str, title: s
 
 def several_pictures(name: str, drawn: Mapping[str, Drawn], titles: Sequence[str], title: str, marks: Mapping[str, Array],
                      words: Sequence[str]) -> tuple[list[Picture], dict[str, Writer]]:
-    """Several complex shapes, each at the phase of its largest displacement; the VTU files have their parts and phases."""
+    """Pictures of several complex shapes, each at the phase of its largest displacement.
+
+    The VTU files have real and imaginary parts, and phases in degrees.
+    """
     many = {kind: (mesh, fs.components.turned(fields)) for kind, (mesh, fields) in drawn.items()}
     real = {kind: (mesh, fields.real) for kind, (mesh, fields) in many.items()}
     found, files = pictures(name, real, titles, title, marks, words)
@@ -62,7 +65,7 @@ def several_pictures(name: str, drawn: Mapping[str, Drawn], titles: Sequence[str
 
 
 def page_mode(paged: bool, drawn: Mapping[str, Drawn], title: str, eigenvalue: complex) -> dict[str, Writer]:
-    """The file of the first complex shape for the page, if one is asked for."""
+    """The file of the first complex shape for the page, if the scene asks for a page."""
     if not paged or not drawn:
         return {}
     mesh, fields = next(iter(drawn.values()))

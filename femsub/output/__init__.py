@@ -1,6 +1,6 @@
-"""How results show themselves: tables, charts and verdicts as values, a run's result and page, figures, units. It knows no model.
+"""How results are shown: tables, charts and verdicts as values, a run's result and page, figures, units. It knows no model.
 
-In: rows, points, labels and sentences. Out: text, HTML, files, data frames and figures, from one definition of each.
+In: rows, points, labels and sentences. Out: text, HTML, files, data frames and figures, all from one definition.
 """
 
 import lazy_loader

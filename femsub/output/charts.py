@@ -1,4 +1,4 @@
-"""Charts of results: lines and marks on axes, as data. Figures, files and pages draw them from one definition."""
+"""Charts of results as data: lines and marks on axes. Figures, files and pages are drawn from this one definition."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ import numpy as np
 from femsub.checks import Array
 from femsub.output.tables import Look, look
 
-ROUNDING = 1e-13  # errors below are rounding, and drawn there
-#: line, hollow and width of models of one method: the most modes first on springs, last in receptances
+ROUNDING = 1e-13  # smaller errors are rounding errors, and are drawn at this value
+#: line, hollow marks and line width of one method's models: with the most modes first on springs, last in receptances
 STYLES = (("solid", False, 1.6), ("dash", True, 1.2), ("dot", True, 0.9))
 
 
 @dataclass(frozen=True)
 class Series:
-    """Points (x, y), as marks, a line or both; a gap where one of the two is NaN.
+    """Points (x, y), as marks, a line or both; a gap where x or y is NaN.
 
     Attributes
     ----------
     name : str
-        In the legend; those of one name are shown and hidden together.
+        Name in the legend. Series of one name are shown and hidden together.
     x, y : sequence of float
     model : str
-        The key of the model that colour and mark are those of, where none are given.
+        Key of the model whose colour and mark are used where `colour` or `marker` is not given.
     line : str
-        'solid', 'dash', 'dot', or '' for none.
+        'solid', 'dash', 'dot', or '' for no line.
     marker, colour : str
-        A mark by matplotlib's letter, '' for none.
+        Mark by matplotlib's letter, '' for no marks; colour by matplotlib's name or hex code.
     size, width : float
-        Of marks and lines, in points.
+        Size of the marks and width of the line, in points.
     hollow, legend : bool
+        Whether the marks are hollow, and whether the legend lists the series.
     labels : sequence of str
-        Beside the points.
+        Texts beside the points.
     hover : mapping of str to sequence
-        What else a page shows of each point.
+        Further values of each point, which a page shows beside it.
     """
 
     name: str
@@ -73,10 +74,11 @@ class Level(NamedTuple):
 
 
 class Heat(NamedTuple):
-    """Values (n, m) in colours at x (m,) and y (n,) of a figure, logarithmic from `low` to `top`.
+    """Values (n, m) drawn as colours at x (m,) and y (n,), on a logarithmic scale from `low` to `top`.
 
-    `signed` ones are on both sides of 0, and linear up to `low`; `whole` ones are numbers from `low` to `top`, each in a colour.
-    The scale is named by `label`. Where `hatched` (n, m) is True, the values are undecided. A page has those that are `paged`.
+    The scale of `signed` values extends to both sides of 0, and is linear up to `low`. `whole` values are whole numbers from
+    `low` to `top`, each with its own colour. `label` names the scale. Values are undecided where `hatched` (n, m) is True. With
+    `paged`, a page shows the values too.
     """
 
     x: Any
@@ -91,7 +93,7 @@ class Heat(NamedTuple):
     paged: bool = False
 
     def plain(self) -> dict[str, Any]:
-        """For a page, which draws the colours of signed ones about 0, linear."""
+        """The values for a page, whose colour scale is linear, and centred at 0 for signed values."""
         return {"x": _plain(self.x), "y": _plain(self.y), "z": [_plain(row) for row in np.asarray(self.values, dtype=float)],
                 "label": self.label, "signed": self.signed}
 
@@ -109,24 +111,24 @@ class Panel:
     logs : str
         The logarithmic axes: '', 'x', 'y' or 'xy'.
     linear : mapping of str to float
-        Axes of a figure that are logarithmic on both sides of 0, and linear up to this size.
+        Axes of a figure that are logarithmic on both sides of 0, each with the size up to which it is linear.
     whole : str
         Axes of whole numbers: '', 'x', 'y' or 'xy'.
     levels : sequence of Level
     limits : mapping of str to (float, float)
-        Of 'x' and 'y', where they are not those of the data.
+        Limits of 'x' and 'y', where they do not follow from the data.
     rounding : bool
-        Whether y are errors, of which those of rounding lie on a grey band.
+        Whether y is an error. A grey band then marks rounding errors.
     share : mapping of str to str
-        Panels of one word for 'x', or for 'y', have that axis in common.
+        Panels with the same word for 'x' (or 'y') have that axis in common.
     among : str
-        Panels of one word stand in one place of a page, where one of them is chosen.
+        Panels with the same word share one place of a page; its reader chooses which panel is shown.
     where : str
-        'figure' or 'page', where it is not drawn on both.
+        'figure' or 'page', if the panel is drawn on one of them only.
     band : (float, float), optional
         A range of y that is grey.
     heat : Heat, optional
-        What lies below the series in a figure.
+        Values in colours, below the series.
     """
 
     series: Sequence[Series]
@@ -148,24 +150,24 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """Panels side by side and one below the other.
+    """Panels in rows of `across` panels.
 
     Attributes
     ----------
     name : str
-        That of its PNG file.
+        Name of its PNG file, without ending.
     title : str
     panels : sequence of Panel
     across : int
-        Panels side by side.
+        Number of panels side by side.
     about : str
         Lines below the title.
     note : str
-        How it is read, for a page.
+        How to read the chart, for a page.
     width, height : float
-        Of the figure over that of a page; of a row of panels in inches.
+        Width of the figure relative to a page; height of a row of panels in inches.
     columns : int
-        Of the legend.
+        Columns of the legend.
     """
 
     name: str
@@ -180,11 +182,11 @@ class Chart:
 
     @property
     def drawn(self) -> list[Panel]:
-        """The panels of its figure; a chart without them has none."""
+        """The panels of its figure. If there are none, the chart has no figure."""
         return [panel for panel in self.panels if panel.where != "page"]
 
     def plain(self, hertz: bool = False) -> dict[str, Any]:
-        """As it stands in results.json, for a page; with `hertz` what is in rad/time is shown in Hz as well."""
+        """The chart as results.json and a page have it; with `hertz`, values in rad/time are also shown in Hz beside a point."""
         places: dict[str, list[dict[str, Any]]] = {}
         for panel in self.panels:
             series = []
@@ -207,29 +209,29 @@ class Chart:
 
 
 def hover_of(rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> dict[str, list[Any]]:
-    """What a page shows of points: columns of their rows by the words that stand there; those that the rows lack are left out."""
+    """Columns of `rows` that a page shows beside points, named by `words` (key → word); keys that rows lack are left out."""
     return {word: [row[key] for row in rows] for word, key in words.items() if key in rows[0]}
 
 
 def _plain(values: Iterable[Any]) -> list[Any]:
-    """Numbers to the seven digits that a chart can show, None for what no axis has a place for; words as they are."""
+    """Numbers rounded to the seven digits that a chart can show, None for infinite and missing values; words unchanged."""
     return [value if isinstance(value, str) or value is None else float(f"{value:.7g}") if math.isfinite(value) else None
             for value in values]
 
 
 def finite(values: Any) -> Array:
-    """Numbers, with NaN for those that are infinite."""
+    """An array of the numbers, with NaN in place of infinite ones."""
     found = np.asarray(values, dtype=float)
     return np.where(np.isfinite(found), found, np.nan)
 
 
 def floored(errors: Iterable[float | None]) -> list[float]:
-    """Errors as they are drawn: those of rounding at `ROUNDING`, NaN for those that are not known."""
+    """Errors as they are drawn: at least `ROUNDING`; NaN for unknown errors."""
     return [max(float(error), ROUNDING) if error is not None and math.isfinite(error) else math.nan for error in errors]
 
 
 def nested(at: int) -> float:
-    """The size of a mark: those drawn later are smaller, so that marks that lie on each other are all seen."""
+    """The size of a mark of series number `at`. Later series have smaller marks, so that coincident marks all stay visible."""
     return max(7.5 - 2 * at, 3.0)
 
 
@@ -241,10 +243,10 @@ def damping_percent(eigenvalues: Any) -> Array:
 
 
 def linear_up_to(values: Any, piled: float = 0.03, decades: int = 5) -> float:
-    """Where an axis of values of both signs becomes logarithmic; 0 where it need not.
+    """The size at which an axis of values of both signs turns from linear to logarithmic; 0 if all of it may be linear.
 
-    It is logarithmic where half of the sizes are below `piled` of the largest, so that they would lie on each other at 0. It has
-    at most so many `decades` on each side of 0.
+    It becomes logarithmic if half of the sizes are below `piled` times the largest: they would lie on each other at 0. It has at
+    most `decades` decades on each side of 0.
     """
     sizes = np.abs(np.asarray(values, dtype=float))
     sizes = sizes[np.isfinite(sizes)]

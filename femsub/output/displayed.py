@@ -1,4 +1,4 @@
-"""What results have in common that show themselves: a chart, tables, and both in a notebook."""
+"""The base class of results that can be shown: a chart, tables, and both in a notebook."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Displayed:
         Parameters
         ----------
         units : str or mapping
-            'SI', 'mm-t-s', or names such as {"length": "mm", "time": "s", "mass": "t"}: those of the model's numbers. Where the
-            unit of time is the second, each axis in rad/s has one in Hz on its other side.
+            The units of the model's numbers: 'SI', 'mm-t-s', or names such as {"length": "mm", "time": "s", "mass": "t"}. Where
+            the unit of time is the second, each axis in rad/s has an axis in Hz on its other side.
         **how
             The keywords of `chart`.
 
         Raises
         ------
         InputError
-            Units that are not known, or nothing to draw.
+            The units are unknown, or there is nothing to draw.
         MissingPackageError
-            matplotlib is not there.
+            matplotlib is not installed.
         """
         chart = self.chart(**how)
         if chart is None or not chart.drawn:
@@ -49,16 +49,16 @@ class Displayed:
         return figure_of(lambda: draw(chart), units_of(units))
 
     def to_frame(self, table: str = "", *, units: Any = "") -> Any:
-        """A data frame of pandas of one of the `tables`, by default of the first.
+        """One of the `tables`, by default the first, as a data frame of pandas.
 
-        With `units`, see `plot`, whose unit of time is the second, each column in rad/s is followed by one in Hz.
+        For `units` see `plot`. Where the unit of time is the second, a column in Hz follows each column in rad/s.
 
         Raises
         ------
         InputError
-            No table has this name, or units that are not known.
+            No table has this name, or the units are unknown.
         MissingPackageError
-            pandas is not there.
+            pandas is not installed.
         """
         pandas = package("pandas", "data frames need pandas", "pandas")
         known = {one.name: one for one in self.tables()}
@@ -69,7 +69,7 @@ class Displayed:
         return pandas.DataFrame(rows, columns=list(dict.fromkeys(key for row in rows for key in row)))
 
     def _repr_html_(self) -> str:
-        """For notebooks: its line, its tables, its figure."""
+        """For notebooks: the result's `repr`, its tables and its figure."""
         parts = [f"<p>{escape(repr(self))}</p>", *(one._repr_html_() for one in self.tables())]
         chart = self.chart()
         if chart is not None and chart.drawn:
@@ -78,14 +78,14 @@ class Displayed:
 
 
 def picture(figure: Any, words: str) -> str:
-    """A figure within a page."""
+    """HTML of a figure as an inlined PNG, with `words` as its alternative text."""
     file = io.BytesIO()
     figure.canvas.print_png(file)
     return f'<img alt="{escape(words)}" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'
 
 
 def units_of(units: Any) -> Units:
-    """Units by the name of their system, or by their own names.
+    """`Units` from the name of a system, from a mapping to names of units, or as given.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from femsub.output.charts import ROUNDING, Chart, Panel
 from femsub.output.units import UNKNOWN, Units
 
 HERTZ = (lambda omega: omega / (2 * np.pi), lambda hertz: 2 * np.pi * hertz)
-PAGE = 8.0  # inches: how wide a picture stands on a page; text of a wider one is smaller there
+PAGE = 8.0  # inches: width of a picture on a page; a wider one is shrunk there, with its text
 STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labelsize": 8, "ytick.labelsize": 8,
          "legend.fontsize": 8, "figure.titlesize": 10, "grid.alpha": 0.3, "axes.axisbelow": True, "figure.dpi": 150}
 
@@ -24,34 +24,34 @@ STYLE = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "xtick.labels
 class Sizes(NamedTuple):
     """Sizes of what is drawn beside the lines of `STYLE`."""
 
-    number: float = 8  #: points, of numbers beside marks
-    touching: float = 4.0  #: points: marks that are nearer to each other lie on each other
-    clearly: float = 1.15  #: how much nearer a number stands to its own mark than to others of its colour
-    stretch: float = 0.12  #: how far the largest displacement of a solid is drawn, in parts of the mesh's largest side
-    pieces: int = 3  #: along an edge, into which the faces of a coarse mesh are cut
-    fine: int = 8000  #: cells from which on their edges are not drawn
-    nearer: float = 0.02  #: of the largest displacement: how far in front of their face edges are taken to be
+    number: float = 8  #: font size, in points, of numbers beside marks
+    touching: float = 4.0  #: distance, in points, below which marks count as lying on each other
+    clearly: float = 1.15  #: a number is nearer to its own mark than to others of its colour by this factor
+    stretch: float = 0.12  #: length at which the largest displacement of a solid is drawn, relative to the mesh's largest side
+    pieces: int = 3  #: number of pieces along each edge into which a face of a coarse mesh is cut
+    fine: int = 8000  #: number of cells from which on cell edges are not drawn
+    nearer: float = 0.02  #: distance of edges in front of their face, relative to the largest displacement as drawn
     slides: float = 0.5  #: share of the motion normal to the surface below which arrows show it: the shape hardly changes
-    arrows: int = 60  #: of them, about
+    arrows: int = 60  #: approximate number of these arrows
 
 
 SIZES = Sizes()
-#: where a number may stand to its mark, to the right and up; once all have been tried at the first, those left are at the second
+#: places (right, up) of a number beside its mark: the second group is for numbers that find no room at any place of the first
 SIDES = (((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)), ((1, 0.3), (-1, 0.3), (1, -0.3), (-1, -0.3)))
-MANY = "#7f7f7f"  # in a legend: of marks that have the colours of several models
+MANY = "#7f7f7f"  # in a legend: a name whose marks have the colours of several models
 DASHES = {"solid": "-", "dash": "--", "dot": ":", "": "none"}
 
 
 def render(make: Callable[[], Any], file: BinaryIO, units: Units = UNKNOWN, note: str = "") -> None:
-    """Writes a PNG of what a drawing function makes, in these units, with a note below its title."""
-    figure_of(make, units, note).canvas.print_png(file)  # `savefig` draws all of it once more, for the layout alone
+    """Writes the figure of a drawing function as PNG, in these units, with a note below its title."""
+    figure_of(make, units, note).canvas.print_png(file)  # `savefig` would draw all of it a second time, for the layout alone
 
 
 def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -> Any:
-    """What a drawing function makes, in these units, with a note below its title."""
+    """The figure that a drawing function returns, in these units, with a note below its title."""
     with _matplotlib().rc_context(STYLE):
         figure = make()
-        # labels in these units, and an axis in Hz on the other side of each in rad/s
+        # labels in these units, and an axis in Hz opposite each axis in rad/s
         if units.known:
             for text in figure.findobj(_matplotlib().text.Text):
                 text.set_text(units.said(text.get_text()))
@@ -65,7 +65,7 @@ def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -
                     after = sorted((other for other in panels if panels[other].rowspan == place.rowspan
                                     and panels[other].colspan.start > place.colspan.start),
                                    key=lambda other: panels[other].colspan.start)
-                    # panels of the same label have none of their own
+                    # a panel without a label has that of the panel on its left
                     row = [axis, *takewhile(lambda other: not other.get_ylabel(), after)]
                     shared = axis.get_shared_y_axes()
                     for other in row if not shared.joined(axis, row[-1]) else row[-1:]:
@@ -78,13 +78,14 @@ def figure_of(make: Callable[[], Any], units: Units = UNKNOWN, note: str = "") -
             figure.suptitle(f"{title.get_text()}\n{note}" if title else note)
         title = figure._suptitle
         if title is not None:  # break the lines of a title that is wider than its figure
-            room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))  # letters; 0.58 of their height is a wide mean
+            # in letters, each as wide as 0.58 of its height: above the mean
+            room = int(figure.get_figwidth() * 72 / (0.58 * title.get_fontsize()))
             title.set_text("\n".join(textwrap.fill(line, room) for line in title.get_text().split("\n")))
     return figure
 
 
 def new_figure(width: float, height: float) -> Any:
-    """An empty figure that belongs to no window and no global state."""
+    """An empty figure, in inches, that belongs to no window and no global state."""
     figure = figure_class()(figsize=(width, height), layout="constrained")
     _matplotlib().backends.backend_agg.FigureCanvasAgg(figure)
     return figure
@@ -92,7 +93,7 @@ def new_figure(width: float, height: float) -> Any:
 
 @cache
 def figure_class() -> Any:
-    """The class of figures: matplotlib's, which are drawn in `STYLE` wherever that is, and which notebooks show."""
+    """matplotlib's class `Figure`, extended: it is drawn in `STYLE` wherever it is drawn, and notebooks show it."""
 
     class Figure(_matplotlib().figure.Figure):  # type: ignore[misc]
         def draw(self, renderer: Any) -> None:
@@ -117,8 +118,8 @@ def draw(chart: Chart) -> Any:
     labels: list[Any] = []
     for at, panel in enumerate(shown):
         axis, limits = axes[at], {}
-        for which in "xy":  # y last: errors on axes in common have one band of rounding
-            # those that have this axis in common: what one of them has within its limits would else leave it
+        for which in "xy":  # y last, since `values` below are those of the panels that share y: one band of rounding errors
+            # panels that share this axis need limits that hold for all of them, or data of one would leave its panel
             alike = [(one, other) for one, other in zip(shown, axes, strict=False)
                      if one is panel or (which in panel.share and one.share.get(which) == panel.share[which])]
             if alike[0][0] is not panel:
@@ -140,7 +141,7 @@ def draw(chart: Chart) -> Any:
     for axis, panel in zip(axes, shown, strict=False):
         if "x" in panel.logs:
             few_decades(axis)
-        elif across > 1 and "x" not in panel.linear and panel.heat is None:  # all numbers have room, those of six digits, too
+        elif across > 1 and "x" not in panel.linear and panel.heat is None:  # few enough for labels of six digits
             axis.locator_params(axis="x", nbins=5 if across > 2 else 6)
         for which in panel.whole:
             getattr(axis, f"{which}axis").set_major_locator(_matplotlib().ticker.MaxNLocator(integer=True, min_n_ticks=1))
@@ -151,16 +152,16 @@ def draw(chart: Chart) -> Any:
 
 
 def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping[str, tuple[float, float]]) -> list[Any]:
-    """Draws the series and the levels of a panel; what is returned labels points, those at the ends first.
+    """Draws the series and the levels of a panel. Returns labels for `label_points`, of each series the end points first.
 
-    `values` are those of all panels that share its axis of errors, `limits` those of its axes.
+    `values` are the y of all panels that share its y axis, for the band of rounding errors; `limits` are those of its axes.
     """
     if panel.band:
         axis.axhspan(*panel.band, color="0.88", lw=0, zorder=0)
     axis.set(**{f"{which}scale": "log" for which in panel.logs})
     for which, linear in panel.linear.items():
         getattr(axis, f"set_{which}scale")("symlog", linthresh=linear, linscale=0.5)
-    axis.set(**{f"{which}lim": ends for which, ends in limits.items()})  # first: one point alone gives no limits
+    axis.set(**{f"{which}lim": ends for which, ends in limits.items()})  # before plotting: a single point gives no limits
     labels = []
     for one in panel.series:
         name, colour, marker = one.look
@@ -180,7 +181,7 @@ def draw_panel(axis: Any, panel: Panel, values: Sequence[float], limits: Mapping
 
 
 def draw_heats(figure: Any, axes: Sequence[Any], panels: Sequence[Panel]) -> None:
-    """Draws values in colours, with one scale beside all panels that have it in common."""
+    """Draws values as colours. Panels whose values have the same label share one colour bar, beside them all."""
     from matplotlib import colormaps
     from matplotlib.colors import BoundaryNorm, LogNorm, SymLogNorm
     from matplotlib.ticker import MaxNLocator
@@ -193,9 +194,9 @@ def draw_heats(figure: Any, axes: Sequence[Any], panels: Sequence[Panel]) -> Non
             norm = BoundaryNorm(np.append(numbers, heat.top + 1) - 0.5, len(numbers)) if heat.whole else \
                 SymLogNorm(heat.low, vmin=-heat.top, vmax=heat.top) if heat.signed else LogNorm(heat.low, heat.top)
             values = heat.values if heat.signed or heat.whole else np.maximum(heat.values, heat.low)
-            whole_x = np.array_equal(heat.x, np.rint(heat.x))  # as numbers of belts
+            whole_x = np.array_equal(heat.x, np.rint(heat.x))  # such as numbers of belts
             beside = min(sum(map(bool, heats)), axis.get_subplotspec().get_gridspec().ncols)
-            axis.xaxis.set_major_locator(MaxNLocator(12 // beside, integer=whole_x))  # all have room
+            axis.xaxis.set_major_locator(MaxNLocator(12 // beside, integer=whole_x))  # few enough that all labels have room
             mesh = axis.pcolormesh(heat.x, heat.y, values, norm=norm, cmap=colours, shading="nearest", rasterized=True)
             decades = 10.0 ** np.arange(np.ceil(np.log10(10 * heat.low)), np.log10(heat.top)) if heat.low else numbers
             ticks = numbers[::-(-len(numbers) // 12)] if heat.whole else [*-decades, 0.0, *decades] if heat.signed else None
@@ -208,19 +209,19 @@ def draw_heats(figure: Any, axes: Sequence[Any], panels: Sequence[Panel]) -> Non
 
 
 def few_decades(axis: Any) -> None:
-    """Ticks at 1, 2 and 5 where a logarithmic time axis spans less than two decades, and no crowd of labels."""
+    """Puts ticks at 1, 2 and 5 of each decade where a logarithmic x axis spans less than two; minor ticks have no labels."""
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
     lo, hi = axis.get_xlim()
     if hi < 100 * lo:
-        # with fewer than two ticks, as within a factor of 5, LogLocator would take as many even ones as it likes
+        # within a factor of 5 there may be fewer than two such ticks: LogLocator then takes evenly spaced ones, of any number
         axis.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if hi > 5 * lo else MaxNLocator(4, steps=[1, 2, 5, 10]))
         axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 
 def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
-    """One legend of all axes below them, each label once."""
+    """Draws one legend for all axes, below them, with each label once."""
     lines: dict[str, Any] = {}
     colours: dict[str, set[Any]] = {}
     for line, label in ((line, label) for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)):
@@ -237,10 +238,10 @@ def legend_below(figure: Any, axes: Iterable[Any], columns: int = 4) -> None:
 
 
 def rounding_below(axis: Any, errors: Iterable[float]) -> None:
-    """Limits of an axis of errors, with a grey band where errors are rounding, if there are any."""
+    """Sets the limits of an axis of errors, with a grey band for rounding errors if there are any."""
     known = [max(error, ROUNDING) for error in errors if np.isfinite(error)]
     lo, hi = min(known, default=1e-3), max(known, default=1.0)
-    low, high = 10 ** np.floor(np.log10(lo / 2)), 10 ** np.ceil(np.log10(hi * 2))  # two decades at least
+    low, high = 10 ** np.floor(np.log10(lo / 2)), 10 ** np.ceil(np.log10(hi * 2))
     axis.set(yscale="log", ylim=(low, high))
     if high < 1e4 * low:
         from matplotlib.ticker import NullFormatter
@@ -251,10 +252,10 @@ def rounding_below(axis: Any, errors: Iterable[float]) -> None:
 
 
 def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str]]) -> None:
-    """Texts beside points: (axis, x, y, text, colour). They cover no mark and no other text, and are
-    clearly nearer to their own point than to others of their colour; where there is no room, none stands.
+    """Puts texts beside points: (axis, x, y, text, colour). A text covers no mark and no other text, and is clearly nearer to its
+    own point than to other points of its colour. A text that finds no such place is left out.
 
-    Those of the first points are placed first. They stand once the figure is drawn, for then only have its axes their places.
+    The first texts are placed first. They appear when the figure is drawn, since its layout fixes the places of axes only then.
     """
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -271,7 +272,7 @@ def label_points(figure: Any, labels: Sequence[tuple[Any, float, float, str, str
 
 
 def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixels: float) -> None:
-    """Those of one axis, (x, y, text, colour), at so many pixels a point."""
+    """Puts the labels (x, y, text, colour) of one axis; a typographic point has `pixels` pixels."""
     from matplotlib.patheffects import withStroke
     from matplotlib.transforms import Bbox
 
@@ -282,7 +283,7 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
     lines = [(line, line.get_transform().transform(np.column_stack(line.get_data()))) for line in axis.lines]
     marks = [(*mark, (line.get_markersize() + 2) * pixels) for line, found in lines
              if line.get_marker() not in ("None", "none", "", None) for mark in found]
-    # points about 2 pixels apart on the lines that are drawn; none where a line has a gap or leaves the page
+    # points some 2 typographic points apart on the visible lines; none where a line has a gap or leaves the page
     points = [np.zeros((0, 2))]
     for line, corners in lines:
         for one, other in pairwise(corners if line.get_linestyle() not in ("None", "none", "", None) else ()):
@@ -294,24 +295,24 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
     mine = [(axis.transData.transform((x, y)), text, colour) for x, y, text, colour in labels]
 
     def place(x: float, y: float, text: str, colour: str, sides: Iterable[tuple[float, float]]) -> bool:
-        """Whether there was room at one of these sides of a mark; the text stands there then."""
+        """Puts a text at one of these sides of its mark; False if none has room."""
         wide, high = (0.62 * len(text) * SIZES.number + 1) * pixels, SIZES.number * pixels
         at = axis.transData.transform((x, y))
         others = [spot for spot, word, shade in mine if word != text and shade == colour
-                  and np.hypot(*(spot - at)) > SIZES.touching * pixels]  # those that lie on each other have no side of their own
+                  and np.hypot(*(spot - at)) > SIZES.touching * pixels]  # of coincident marks none can be nearer to its text
         free: list[tuple[int, int, Any, Bbox]] = []
         for right, up in sides:
             gap = (4.0 if right and abs(up) == 1 else 6.5) * pixels
             shift = np.array([right * (gap + wide / 2), up * (gap + high / 2 if abs(up) == 1 else high)])
             box = box_at(at[0] + shift[0], at[1] + shift[1], wide, high)
             if up and any(box.y0 < other[1] < box.y1 for other in others):
-                continue  # beside another's bar it would be read as that one's
+                continue  # at the height of another mark it would be read as the label of that mark's bar
             if all(frame.fully_contains(*corner) for corner in (box.p0, box.p1)) and not box.count_overlaps(taken) \
                     and all(SIZES.clearly * _gap(box, at) <= _gap(box, other) for other in others):
                 inside = ((crossed > box.p0) & (crossed < box.p1)).all(axis=1)
                 under = int((inside & (np.abs(crossed[:, 1] - at[1]) > 1)).sum())
                 free.append((under, len(free), shift, box))
-        if free:  # where it covers least of the lines, but for a bar through its own mark
+        if free:  # at the side where it covers the least of the lines, not counting a bar through its own mark
             _, _, shift, box = min(free, key=lambda one: one[:2])
             axis.annotate(text, (x, y), tuple(shift / pixels), textcoords="offset points", fontsize=SIZES.number, color=colour,
                           ha="center", va="center", zorder=6, path_effects=[withStroke(linewidth=2, foreground="white")])
@@ -324,7 +325,7 @@ def _put_labels(axis: Any, labels: Sequence[tuple[float, float, str, str]], pixe
 
 
 def _gap(box: Any, point: Any) -> float:
-    """How far a point lies from a box."""
+    """The distance of a point from a box, 0 inside."""
     return float(np.hypot(*np.maximum(0.0, np.maximum(box.p0 - point, point - box.p1))))
 
 

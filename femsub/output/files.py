@@ -19,7 +19,7 @@ def to_json(data: Any) -> str:
 
 
 def for_json(value: Any) -> Any:
-    """A value in numbers, texts, lists and tables."""
+    """A value of numbers, texts, lists and dicts only, as JSON has them; see `to_json`."""
     if isinstance(value, dict):
         return {str(key): for_json(item) for key, item in value.items()}
     if isinstance(value, (np.ndarray, np.generic)):
@@ -34,7 +34,7 @@ def for_json(value: Any) -> Any:
 
 
 def table_csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
-    """A line for each row; several values in one cell stand with blanks between them."""
+    """Writes CSV, a line for each row. Several values of one cell are separated by blanks."""
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     keys = list(dict.fromkeys(key for row in rows for key in row))
     writer = csv.writer(text, lineterminator="\n")
@@ -42,7 +42,7 @@ def table_csv(rows: Sequence[dict[str, Any]], file: BinaryIO) -> None:
     for row in rows:
         cells: list[Any] = []
         for value in (row.get(key, "") for key in keys):
-            # numbers as Python's own, which have every digit whatever NumPy's print options are (pyyeti changes them)
+            # Python's own numbers print every digit; those of NumPy follow its print options, which pyyeti changes
             if isinstance(value, np.generic):
                 cells.append(value.item())
             elif isinstance(value, str):

@@ -1,6 +1,6 @@
-"""One page for a run: verdict, plots, the least stable mode in motion, tables, inputs. It needs no network.
+"""The HTML page of a run: verdict, plots, the least stable mode in motion, tables, inputs. It needs no network.
 
-Plotly (the extra `page`) is inlined. It is imported by nothing else in femsub.
+Plotly (the extra `page`) is inlined. No other module imports it.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ from femsub.output.verdicts import ANSWERS
 MODE_FILE = "mode.npz"
 TEMPLATE = Path(__file__).with_name("page.html")
 WHY = "the page of a run is drawn by Plotly", "plotly"
-TIMES = ("reduction_median_s", "solution_median_s")  # other times are in the files alone
+TIMES = ("reduction_median_s", "solution_median_s")  # all other times are in the files only
 SLIDERS = (("phase", "phase φ", 0, 360, 1, 0), ("speed", "periods per second", 0.1, 2, 0.1, 0.5),
            ("scale", "scale", 0, 3, 0.05, 1))  # name, label, least, most, step and value
 
 
 class Moving(NamedTuple):
-    """u(t) = Re(u e^(iφ)) at points (n, 3), joined by `cells`, rows of points: lines (m, 2) or triangles (m, 3)."""
+    """u(t) = Re(u e^(iφ)) at points (n, 3). `cells` has rows of point indices: lines (m, 2) or triangles (m, 3)."""
 
-    facts: dict[str, Any]  #: title, eigenvalue, size of the mesh, and whatever else the page says of it
+    facts: dict[str, Any]  #: title, eigenvalue, size of the mesh, and other facts that the page shows
     points: Array
     cells: Array
     u: Array
 
 
 def check_plotly() -> None:
-    """Whether a page can be made.
+    """Checks that a page can be written.
 
     Raises
     ------
     MissingPackageError
-        There is no Plotly.
+        Plotly is not installed.
     """
     package("plotly", *WHY)
 
 
 def write_page(data: Mapping[str, Any], inputs: str, mode: Moving | None, file: BinaryIO) -> None:
-    """The page of results as results.json has them, with the text of a run's inputs, and the mode to be shown if there is one."""
+    """Writes the page of a run: `data` as in results.json, the text of its inputs, and the mode in motion unless it is None."""
     script = package("plotly.offline", *WHY).get_plotlyjs()
     drawn = json.dumps({"charts": data["charts"], "mode": None if mode is None else coded(mode)}, ensure_ascii=False,
                        separators=(",", ":")).replace("<", "\\u003c")  # JSON that may stand within a script element
@@ -61,7 +61,7 @@ def write_page(data: Mapping[str, Any], inputs: str, mode: Moving | None, file: 
 
 
 def coded(mode: Moving) -> dict[str, Any]:
-    """A mode as the page's script takes it: places as float32, displacements as int16 of their largest."""
+    """A mode as the page's script reads it: points as float32, displacements as int16 relative to the largest one."""
     def bytes_of(array: Array, kind: str) -> str:
         return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode()
 
@@ -116,7 +116,7 @@ def _body(data: Mapping[str, Any], inputs: str, mode: Moving | None) -> Iterator
 
 
 def rows_of(data: Mapping[str, Any], table: Mapping[str, Any], longest: int = 6) -> list[dict[str, Any]]:
-    """The rows of a table, without lists that no cell has room for: those of more than `longest` numbers."""
+    """The rows of a table, without values that no cell has room for: dicts, nested lists, lists longer than `longest`."""
     found: Any = table.get("rows", data)
     for key in table.get("place", ()):
         found = found[key]
@@ -125,7 +125,7 @@ def rows_of(data: Mapping[str, Any], table: Mapping[str, Any], longest: int = 6)
 
 
 def _table(name: str, table: Mapping[str, Any], rows: Sequence[Mapping[str, Any]], shown: int = 40) -> Iterator[str]:
-    """A table; one of more than `shown` rows is folded."""
+    """HTML of a table. It is folded if it has more than `shown` rows."""
     columns = [one for one in table["columns"] if (one["key"] in TIMES or not one["key"].endswith("_s"))
                and any(row.get(one["key"]) not in (None, "", []) for row in rows)]
     if any(one["key"] == "frequency_hz" for one in columns):

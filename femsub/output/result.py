@@ -1,4 +1,4 @@
-"""What a run has computed: sentences, tables, charts, pictures and files, in the order in which they are shown."""
+"""The result of a run: sentences, tables, charts, pictures and files, in the order in which they are shown."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Writer: TypeAlias = Callable[[BinaryIO], object]
 
 
 class Picture(NamedTuple):
-    """A figure: the name of its file, without ending, and a function that draws it onto a new matplotlib figure."""
+    """A figure: the name of its file, without ending, and a function that draws it as a new matplotlib figure."""
 
     name: str
     draw: Callable[[], Any]
@@ -31,22 +31,22 @@ Shown: TypeAlias = Any  # str, Table, Chart or Picture
 
 @dataclass(frozen=True)
 class Result:
-    """What a run has computed, ready to be shown.
+    """The result of a run, ready to be shown.
 
     Attributes
     ----------
     data : dict
-        Everything printed or drawn, for results.json.
+        All figures that are printed or drawn, for results.json.
     shown : sequence of str, Table, Chart or Picture
-        What is shown, in this order: sentences; tables, which are printed and have a CSV file each if they have rows; charts
-        and pictures, each a PNG file. A page has tables and charts.
+        The output, in this order. Sentences and tables are printed; each table that has rows is also a CSV file. Each chart and
+        each picture is a PNG file. A page shows tables and charts.
     files : dict of str to callable
-        File name, which may name a folder below that of the results, to a function that writes the file's content. Called
-        only where there is a folder to write to.
+        File name to a function that writes the file's content. The name may include a subfolder of the results. The functions
+        are called only where there is a folder to write to.
     head : sequence
-        The first of `shown`, which say what the model is.
+        The first items of `shown`: they describe the model.
     notes : dict of str to str
-        What stands at the foot of figures, by their names.
+        Notes below the titles of figures, by the figures' names.
     """
 
     data: dict[str, Any]
@@ -57,27 +57,27 @@ class Result:
 
     @property
     def tables(self) -> dict[str, Table]:
-        """Those with rows by the names of their files."""
+        """The tables that have rows and a name, by this name of their CSV files."""
         return {one.name: one for one in self.shown if isinstance(one, Table) and one.name and one.rows}
 
     @property
     def drawings(self) -> dict[str, Callable[[], Any]]:
-        """File names (without ending) to functions that draw onto a new matplotlib figure."""
+        """File names (without ending) to functions that draw a new matplotlib figure."""
         return {chart.name: partial(draw, chart) for chart in self.charts if chart.drawn} | {
             one.name: one.draw for one in self.shown if isinstance(one, Picture)}
 
     @property
     def charts(self) -> list[Chart]:
-        """Those for a page."""
+        """All charts of `shown`."""
         return [one for one in self.shown if isinstance(one, Chart)]
 
     def text(self, units: Units = UNKNOWN) -> str:
-        """All sentences and tables."""
+        """All sentences and printed tables, in these units."""
         return units.said("\n".join(one if isinstance(one, str) else one.text(units.known) for one in self.shown
                                     if isinstance(one, str) or (isinstance(one, Table) and one.columns)))
 
     def printed(self, units: Units = UNKNOWN, whole: bool = False) -> str:
-        """The verdict, then the short table of each comparison, or, with `whole` or where nothing was compared, all tables."""
+        """The verdict, and the short table of each comparison. With `whole`, or if nothing was compared, all tables."""
         verdict = answer(self.shown)
         choices = [one for one in self.shown if isinstance(one, Advice)]
         parts = [verdict.text] if verdict.decided else []
@@ -89,7 +89,7 @@ class Result:
         decides = verdict.decides if whole or not choices else [
             line for one in self.shown if isinstance(one, Remark) for line in one.decides
             if one not in choices or line.startswith("Mind")]
-        if not whole:  # where no model will do, its sentence says what to do
+        if not whole:  # where no model is accurate enough, the sentence of the advice says what to do
             decides = [*(sentence(one.sentence, one.where) for one in choices if not one.model), *decides]
         lists = [("What decides it", decides), ("Not checked", verdict.unchecked if whole else ())]
         parts += ["\n".join([f"{title}:", *(f"- {line}" for line in dict.fromkeys(lines))]) for title, lines in lists if lines]
@@ -98,7 +98,7 @@ class Result:
         return units.said("\n\n".join(filter(None, parts)))
 
     def writers(self, figures: bool = True, units: Units = UNKNOWN) -> dict[str, Writer]:
-        """What writes its files, by their names: a CSV file for each table, the figures, and files of its own."""
+        """Functions that write the files of the result, by file name: a CSV file per table, the figures, and `files`."""
         found: dict[str, Writer] = {f"{name}.csv": partial(table_csv, units.with_hertz(one.filed))
                                     for name, one in self.tables.items()}
         if figures:
@@ -107,8 +107,9 @@ class Result:
         return found | self.files
 
     def record(self, units: Units = UNKNOWN) -> dict[str, Any]:
-        """The data, with Hz beside rad per unit of time where the units are known; what the columns of its tables mean; its
-        charts; its verdict.
+        """The content of results.json: data, meaning of the tables' columns, charts and verdict.
+
+        Where the units are known, each frequency in rad/s has its value in Hz beside it.
         """
         tables = {}
         for name, one in self.tables.items():
@@ -137,7 +138,7 @@ class Result:
 
 
 def _place(data: Mapping[str, Any], rows: Any) -> list[str]:
-    """The keys that lead to the rows of a table; none where they are not part of the data."""
+    """The keys in `data` that lead to the rows of a table; none if `data` does not contain these rows."""
     for key, value in data.items():
         if value is rows:
             return [key]

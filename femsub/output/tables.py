@@ -1,4 +1,4 @@
-"""Tables of results: rows, and what stands in their columns. The terminal, files and pages show them from one definition."""
+"""Tables of results: rows, and definitions of their columns. Terminal, files and pages use this one definition."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 WIDTH = 80  # columns of a terminal that every table fits
-GAPS = ("  ", " ")  # between columns; the second where a table fits with it alone
+GAPS = ("  ", " ")  # between columns; the narrow one where a table fits only with it
 NONE = "-"  # where there is no value
-RATE = "rad/time"  # the unit of columns that have one in Hz beside them, where the unit of time is known
+RATE = "rad/time"  # where the unit of time is known, a column of this unit has a column in Hz beside it
 
 
 class Look(NamedTuple):
@@ -25,17 +25,17 @@ class Look(NamedTuple):
     marker: str
 
 
-#: of reduced models by the keys of their methods; each method enters its own
+#: looks of reduced models, by the keys of their methods; each method adds its own look
 LOOKS = {"contact-modes": Look("Contact modes", "#c51b7d", "*"), "real-modes": Look("Real modes", "#8a8a8a", "o")}
 
 
 def look(model: Any) -> Look:
-    """That of a reduced model by its method's key; of the full model, or any other, the key itself and black circles."""
+    """The look of a reduced model, by its method's key. Others, such as 'full', have their key as name and black circles."""
     return LOOKS.get(model, Look(str(model), "black", "o"))
 
 
 def label(model: Any) -> str:
-    """The name of a model by its method's key; of another, such as 'full', the key itself."""
+    """The name of a reduced model, by its method's key; for another model, such as 'full', the key itself."""
     return look(model).label
 
 
@@ -46,16 +46,17 @@ class Column:
     Attributes
     ----------
     key : str
-        Of the rows, and in files.
+        Key of the values in the rows, and name of the column in files.
     head : str
-        What stands above it.
+        Heading.
     form : str
-        How numbers are printed, as of `format`. A column without one is not printed, and stands in files and on the page.
+        Format of the printed values, as for `format`. A column without a format is not printed: it is in files and on the page.
     unit, meaning : str
+        Unit, and tooltip of the heading on a page.
     role : str
-        'model': the key of a method, shown by its name. 'modes': of the full model there is none. 'verdict': yes, no, or ?
+        'model': keys of methods, shown as names. 'modes': numbers that the full model does not have. 'verdict': yes, no, or ?
     cell : callable, optional
-        What is printed of a row, if it is not the value.
+        Row → printed value, where this is not the value itself.
     """
 
     key: str
@@ -67,7 +68,7 @@ class Column:
     cell: Callable[[Mapping[str, Any]], Any] | None = None
 
     def printed(self, row: Mapping[str, Any]) -> Any:
-        """What the terminal shows of a row."""
+        """The value of a row as the terminal shows it."""
         value = self.cell(row) if self.cell else row.get(self.key)
         if self.role == "modes":
             return None if row.get("model", row.get("method")) == "full" else value
@@ -105,7 +106,7 @@ KNOWN = {one.key: one for one in (
     Column("reduction_median_s", "reduce [s]", ".2g", "s", "time to reduce, median of the runs"),
     Column("solution_median_s", "solve [s]", ".2g", "s", "time to solve, median of the runs"),
     Column("counted", "count", "d", "", "eigenvalues up to that frequency"),
-    Column("full_counted", "in full", "d", "", "those of the full model"),
+    Column("full_counted", "in full", "d", "", "eigenvalues of the full model up to that frequency"),
     Column("growth", "Re λ", ".6g", "1/time", "largest growth rate; above 0 a motion grows"),
     Column("full_growth", "in full", ".6g", "1/time", "the growth rate of the full model",
            cell=lambda row: row["full_growth"] if np.isfinite(row["full_growth"]) else None),
@@ -113,7 +114,7 @@ KNOWN = {one.key: one for one in (
     Column("hertz", "f [Hz]", ".6g", "Hz", "frequency"),
     Column("frequency_hz", "f [Hz]", ".6g", "Hz", "frequency"),
     Column("up_to", "up to ω", ".5g", RATE, "end of the comparison: the band's, or the model's cut-off"),
-    Column("cutoff", "cut-off ω", ".5g", RATE, "above it the reduced model's modes mean nothing"),
+    Column("cutoff", "cut-off ω", ".5g", RATE, "above it the reduced model's modes are meaningless"),
     Column("slope", "slope dμ/dv", ".6g", "time/length", "critical slope, or the slope of the friction law",
            cell=lambda row: "never" if row["slope"] == -np.inf else row["slope"]),
     Column("full", "full model", ".6g", "", "the full model's value",
@@ -141,12 +142,12 @@ KNOWN = {one.key: one for one in (
     Column("damping", "damping [%]", ".3g", "%", "damping ratio, -Re λ / |λ| in %; below 0 a motion grows"),
     Column("seconds", "seconds", ".2g", "s", "time of the computation"),
     Column("steps", "steps", "d", "", "steps of the integration"),
-    Column("energy_residual", "energy balance", ".0e", "", "energy lost or gained by the integration, over that turned over"),
+    Column("energy_residual", "energy balance", ".0e", "", "energy lost or gained by the integration, over that exchanged"),
     Column("evidence", "evidence", "s", "", "how completeness was shown"))}
 
 
 def column(key: str, head: str = "", form: str = "", **others: Any) -> Column:
-    """A column of `KNOWN`, or another, with its own head, form and whatever else differs."""
+    """The column of `KNOWN` with this key, or a new column, with `head`, `form` and the attributes in `others` replaced."""
     known = KNOWN.get(key, Column(key, key.replace("_", " ")))
     if key.endswith("_hz") and key not in KNOWN:
         known = replace(column(key[:-3]), key=key, unit="Hz", cell=None)
@@ -156,24 +157,24 @@ def column(key: str, head: str = "", form: str = "", **others: Any) -> Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows, and the columns that are printed. Other keys of the rows are columns in files and on the page.
+    """Rows, and the columns that are printed. Files and pages also have columns for the other keys of the rows.
 
     Attributes
     ----------
     name : str
-        That of its CSV file; a table without a name is only printed.
+        Name of its CSV file; a table without a name is only printed.
     rows : sequence of mappings
     columns : sequence of Column or str
-        Printed ones; words are those of `KNOWN`. Without columns nothing is printed.
+        Printed columns; a str is a key of `KNOWN`. Without columns nothing is printed.
     title : str
     keys : int
-        Columns that stand again where a wide table continues below itself.
+        Number of first columns that are repeated where a wide table continues below itself.
     none : str
-        What a dash stands for.
+        Meaning of a dash.
     most : int, optional
-        Rows that are printed.
+        Largest number of printed rows.
     only : sequence of str
-        Keys that stand in files; all where there are none.
+        Keys that files have; empty: all keys.
     """
 
     name: str
@@ -194,7 +195,7 @@ class Table:
 
     @property
     def filed(self) -> Sequence[Mapping[str, Any]]:
-        """The rows as they stand in files."""
+        """The rows as files have them."""
         return [{key: row.get(key) for key in self.only} for row in self.rows] if self.only else self.rows
 
     @property
@@ -202,7 +203,7 @@ class Table:
         return [column(one) if isinstance(one, str) else one for one in self.columns]
 
     def text(self, hertz: bool = False) -> str:
-        """The printed columns; with `hertz` those in rad/time have one in Hz beside them."""
+        """The printed columns; with `hertz`, each column in rad/time has a column in Hz beside it."""
         shown = self._printed
         if not shown:
             return ""
@@ -212,7 +213,7 @@ class Table:
 
 
     def _repr_html_(self) -> str:
-        """For notebooks: the printed columns, or all where none are printed."""
+        """For notebooks: the printed columns, or all columns if none is printed."""
         shown = self._printed or self.every
         cells = [[f"<th>{escape(one.head)}</th>" for one in shown], *(
             [f"<td>{escape(_cell(one.printed(row), one.form))}</td>" for one in shown] for row in self.rows[:self.most])]
@@ -221,7 +222,10 @@ class Table:
 
 
 def grouped(rows: Iterable[Any], *keys: str) -> dict[Any, list[Any]]:
-    """Rows by the value of a key, or the values of several, in the order in which these come; keys of objects are attributes."""
+    """Rows by the value of a key (by a tuple of values for several keys), in order of appearance.
+
+    For rows that are objects, keys are names of attributes.
+    """
     found: dict[Any, list[Any]] = {}
     for row in rows:
         values = tuple(row[key] if isinstance(row, Mapping) else getattr(row, key) for key in keys)
@@ -230,17 +234,18 @@ def grouped(rows: Iterable[Any], *keys: str) -> dict[Any, list[Any]]:
 
 
 def span(band: Sequence[float]) -> str:
-    """'0 to 31415.9 rad/time': with digits enough that a band of 5000 Hz is shown as one."""
+    """'0 to 31415.9 rad/time': with enough digits that a band up to 5000 Hz is shown as 5000 Hz."""
     return f"{band[0]:.6g} to {band[1]:.6g} rad/time"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[str], hertz: Sequence[str] = (), keys: int = 1,
           none: str = "") -> str:
-    """Columns aligned to the right, the first to the left; None and NaN are a dash.
+    """The text of a table: the first column aligned to the left, the others to the right. None and NaN are a dash.
 
-    `hertz` names the columns in rad/s that have one in Hz beside them. A table of more than WIDTH columns has its heads broken
-    into lines, and then one blank between columns; if that is not enough, its last columns stand below the others, beside the
-    first `keys` again. `none` says what a dash stands for, in a line below a table that has one.
+    `hertz` names the columns in rad/s that get a column in Hz beside them. If the text is wider than WIDTH characters, the
+    headings are broken into lines, then columns are separated by one blank only. If that is not enough, the last columns are put
+    below the others, after a repetition of the first `keys` columns. `none`, the meaning of a dash, is a line below a table that
+    has dashes.
     """
     for name in hertz:
         at = list(head).index(name) + 1
@@ -255,7 +260,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], formats: Sequence[
                  for text, least in zip(head, wide, strict=True)]
     wide = [max(least, *map(len, lines)) for lines, least in zip(heads, wide, strict=True)]
     gap = next((one for one in GAPS if sum(wide) + len(one) * (len(wide) - 1) <= WIDTH), GAPS[0])
-    blocks, parts = [list(range(keys))], []  # columns that stand side by side, each time with the first `keys`
+    blocks, parts = [list(range(keys))], []  # columns side by side; each block begins with the first `keys` columns
     for at in range(keys, len(wide)):
         if sum(wide[one] + len(gap) for one in [*blocks[-1], at]) - len(gap) > WIDTH and len(blocks[-1]) > keys:
             blocks.append(list(range(keys)))
@@ -280,6 +285,6 @@ def _cell(value: Any, form: str) -> str:
 
 
 def fitted(text: str) -> str:
-    """A text with its lines of more than WIDTH columns broken at blanks; the lines that follow are set in."""
+    """A text whose lines of more than WIDTH characters are broken at blanks; the continuation lines are indented."""
     return "\n".join(line if len(line) <= WIDTH else textwrap.fill(
         line, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False) for line in text.split("\n"))

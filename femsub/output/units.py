@@ -1,4 +1,4 @@
-"""Units that a scene names: with them Hz is beside rad/s, and m/s for "length/time", in what is printed, written and drawn."""
+"""Units that a scene names. If it names them, all output has Hz beside rad/s, and names such as m/s for "length/time"."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from math import pi
 from typing import Any
 
-#: keys of results that hold rad per unit of time, as numbers or lists of them
+#: keys of results that hold numbers, or lists of numbers, in rad per unit of time
 FREQUENCIES = ("omega", "omega_of_cea", "up_to", "cutoff", "band", "family", "counted_below", "peaks")
 _NUMBER = r"[-+]?(?<![\d.])\d[\d.]*+(?:e[-+]?\d++)?"
 _TOLD = re.compile(rf"(?:({_NUMBER})\s++to\s++)?({_NUMBER})\s++rad/time")  # a line may end between
@@ -17,7 +17,7 @@ _BRACKETED = re.compile(r"\[[^\[\]]*\]")
 
 @dataclass(frozen=True)
 class Units:
-    """The units of a scene's numbers; plain words where nobody has said which they are."""
+    """The units of a scene's numbers; the words 'length', 'time', 'mass' and 'force' where the units are unknown."""
 
     length: str = "length"
     time: str = "time"
@@ -26,17 +26,17 @@ class Units:
 
     @property
     def system(self) -> str:
-        """'SI' or 'mm-t-s', or ''."""
+        """'SI' or 'mm-t-s'; '' for other units."""
         return next((name for name, one in SYSTEMS.items() if one == self), "")
 
     @property
     def known(self) -> bool:
-        """Whether the scene has named them; then the unit of time is the second."""
+        """Whether the scene has named its units. The unit of time is the second then."""
         return self.time == "s"
 
     @classmethod
     def of(cls, given: Any) -> Units:
-        """Those of 'SI' or 'mm-t-s', or of a mapping of length, time and mass to names; plain words for ''."""
+        """The units of 'SI' or 'mm-t-s', or of a mapping of length, time and mass to names; `UNKNOWN` for ''."""
         if not isinstance(given, Mapping):
             return SYSTEMS.get(given, UNKNOWN) if isinstance(given, str) else UNKNOWN
         length, time, mass = (str(given.get(name, name)) for name in ("length", "time", "mass"))
@@ -44,7 +44,7 @@ class Units:
 
     @staticmethod
     def force_of(length: str, mass: str, time: str) -> str:
-        """'N' where the unit of force is one, else in words."""
+        """'N' if the unit of force is the newton, else a product such as 'g·mm/s²'."""
         return "N" if (length, mass, time) in (("m", "kg", "s"), ("mm", "t", "s")) else f"{mass}·{length}/{time}²"
 
     def frequency(self, omega: float) -> str:
@@ -61,9 +61,9 @@ class Units:
         return _BRACKETED.sub(lambda found: words.sub(lambda word: str(getattr(self, word[0])), found[0]), text)
 
     def with_hertz(self, data: Any) -> Any:
-        """Results in which each of `FREQUENCIES` is followed by itself in Hz: 'omega' by 'frequency_hz', 'band' by 'band_hz'.
+        """Results with a value in Hz after each key of `FREQUENCIES`: 'frequency_hz' after 'omega', 'band_hz' after 'band'.
 
-        Texts are `said`.
+        Texts go through `said`. If the units are unknown, the results are returned unchanged.
         """
         if not self.known:
             return data
@@ -90,13 +90,13 @@ def _hertz(value: Any) -> Any:
 
 
 def factor_words(ratio: float) -> str:
-    """A factor between the numbers of two models, and what it may come from: ', by a factor of 1000 (as t against kg, …)'."""
+    """A factor between the numbers of two models, and its possible cause: ', by a factor of 1000 (as t against kg, …)'."""
     known = {1e3: "t against kg, or N/mm against N/m", 1e6: "mm against m, squared", 1e9: "mm³ against m³",
              1e12: "t/mm³ against kg/m³", 9.80665: "weight for mass", 9806.65: "weight for mass in mm",
              386.0886: "weight for mass in inches (WTMASS)", 0.0254: "inches against m", 25.4: "inches against mm",
              4.4482216: "lbf against N", 0.45359237: "lb against kg"}
     for value, why in known.items():
         for one in (value, 1 / value):
-            if ratio > 0 and abs(ratio / one - 1) < 2e-3:  # the digits of these factors, and of what is compared
+            if ratio > 0 and abs(ratio / one - 1) < 2e-3:  # allows for the digits of these factors, and of the numbers compared
                 return f", by a factor of {ratio:.4g} (as {why})"
     return f", by a factor of {ratio:.6g}" if ratio > 0 else ""

@@ -1,4 +1,4 @@
-"""The answer of a run in plain sentences: may a small model replace the full one, what decides it, what is not checked."""
+"""The verdict of a run in plain sentences: may a small model replace the full one, what decides it, what is not checked."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 from femsub.checks import NOT_CHECKED
 from femsub.output.tables import label, span
 
-#: what is_stable means in a sentence
+#: is_stable → words in a sentence
 STABLE = {True: "stable", False: "unstable", None: "neither stable nor unstable beyond its error bars"}
 
-#: what no run can decide, for every scene that compares models
+#: limits of the verdict, for every scene that compares models: no run can decide this
 NEVER = ("All errors are relative to the full model. The run does not show how well its mesh, its materials and its friction law "
          "describe the real part.")
 LINEAR = ("The verdict is that of the linear model about steady sliding. Motion beyond the border was not computed: ask for "
           "motion or cycles.")
-#: answers, as a reader meets them
+#: keys of answers → words that are printed
 ANSWERS = {"yes": "Yes", "no": "No", "in part": "In part", "open": "Not decided", "found": "Found",
            "nowhere": "Nowhere", "no fault found": "No fault found"}
 OUTSIDE = "Frequencies outside the band were not compared."
@@ -26,20 +26,20 @@ OUTSIDE = "Frequencies outside the band were not compared."
 
 @dataclass(frozen=True)
 class Remark:
-    """What one output adds to the answer of a run: lines of what decides it, and of what is not checked."""
+    """Lines that one output adds to the verdict of a run: what decides it, and what is not checked."""
 
     decides: Sequence[str] = ()
     unchecked: Sequence[str] = ()
 
     @classmethod
     def of_completeness(cls, evidence: str, where: str = "") -> Remark:
-        """Whether all eigenvalues of the full model in the band were found."""
+        """The evidence that all eigenvalues of the full model in the band were found."""
         said = [f"Completeness of the full model's eigenvalues in the band{where}: {evidence}."]
         return cls(unchecked=said) if evidence == NOT_CHECKED else cls(said)
 
     @classmethod
     def of_stability(cls, models: Sequence[Mapping[str, Any]]) -> Remark:
-        """What the eigenvalues of the full model say, and which model says otherwise; `growth` and `is_stable` of each model."""
+        """Whether the full model is stable, and which models differ from it. Each model has `growth` and `is_stable`."""
         full = next(one for one in models if one["model"] == "full")
         if not math.isfinite(full["growth"]):
             return cls()
@@ -50,7 +50,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class Verdict(Remark):
-    """A key of `ANSWERS`; the answer in a sentence; what decides it; what is not checked."""
+    """The verdict of a run: `answer`, a key of `ANSWERS`; `headline`, a sentence; what decides it; what is not checked."""
 
     answer: str = "open"
     headline: str = ("This run compares no models by their errors, so it does not decide whether a small model may replace the "
@@ -60,26 +60,26 @@ class Verdict(Remark):
 
     @property
     def decided(self) -> bool:
-        """Whether the run has compared models, or found what its scene asks for."""
+        """Whether the run has compared models, or has answered another question of its scene."""
         return self.headline != Verdict.headline
 
     @property
     def text(self) -> str:
-        """The question, the answer, and the condition that it rests on."""
+        """The question, the answer, and the condition under which the answer holds."""
         return "\n".join([self.question, f"{ANSWERS[self.answer]}. {self.headline}",
                           *(f"Condition: {line}" for line in self.condition)])
 
     def said(self, words: Any) -> dict[str, Any]:
-        """As it stands in results.json; `words` puts units into a text."""
+        """The verdict as results.json has it; the function `words` puts units into a text."""
         return {key: words(value) if isinstance(value, str) else [words(line) for line in dict.fromkeys(value)]
                 for key, value in asdict(self).items()}
 
 
 @dataclass(frozen=True)
 class Advice(Remark):
-    """What one comparison recommends: `model` in words with its `size`, or '' if none will do, and for what it holds.
+    """The recommendation of one comparison: `model` in words with its `size`, or '' if no model is accurate enough.
 
-    `row` is that of the model in a study, in plain columns.
+    It holds in `band`, and for the values of varied keys in `where`. `row` is the model's row of the study, as plain columns.
     """
 
     sentence: str = ""
@@ -94,7 +94,7 @@ class Advice(Remark):
 
 
 def answer(found: Iterable[Any]) -> Verdict:
-    """The verdict of a run from the choices, verdicts and remarks of its outputs."""
+    """The verdict of a run, from the advice, verdicts and remarks of its outputs."""
     known = [one for one in found if isinstance(one, Remark)]
     choices = [one for one in known if isinstance(one, Advice)]
     base = next((one for one in known if isinstance(one, Verdict)), Verdict())
@@ -124,6 +124,6 @@ def named(model: str, size: int) -> str:
 
 
 def sentence(text: str, start: str = "") -> str:
-    """A recommendation as a sentence of its own."""
+    """A recommendation as a sentence: with a capital letter and a full stop, after `start` and a colon if given."""
     text = f"{start}: {text}" if start else text
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"

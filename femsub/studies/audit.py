@@ -1,4 +1,4 @@
-"""`audit`: anybody's reduced model, checked by itself or against the full one: what is right, wrong, and cannot be known."""
+"""`audit` checks a reduced model of any program, by itself or against the full one: what is right, wrong, cannot be known."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
 
 TRUSTED = 0.01  # relative error up to which a frequency counts as trusted
-NONE_FOUND = "no fault found"  # the verdict without the full model, which alone shows what is missing
+NONE_FOUND = "no fault found"  # the best verdict without the full model, since only that shows missing modes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(Displayed):
-    """What an audit of a reduced model has found. See `audit`.
+    """The result of an audit of a reduced model. See `audit`.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class Audit(Displayed):
     omega : ndarray, shape (k,)
         Elastic frequencies of the reduced model in radians per unit of time.
     lower : ndarray, shape (k,)
-        Frequencies of the full model; without it, lower bounds of them. NaN where nothing is known.
+        Frequencies of the full model; without it, lower bounds of its frequencies. NaN where neither is known.
     cutoff : float
         The frequency of the first mode that is left out, as counted, or as stated. NaN where it is not known.
     tally : Tally
-        The modes below the cut-off in the reduced model, and in the full one by the inertia of K - ω²M.
+        Numbers of modes below the cut-off, in the reduced model, and in the full one by the inertia of K - ω²M.
 
     Examples
     --------
@@ -66,23 +66,23 @@ class Audit(Displayed):
 
     @property
     def unknown(self) -> tuple[Finding, ...]:
-        """What could not be decided."""
+        """The findings that could not be decided."""
         return tuple(one for one in self.findings if one.verdict == UNKNOWN)
 
     @property
     def verdict(self) -> str:
-        """'fault' if there is one. If not: 'good' against the full model, 'no fault found' without it."""
+        """'fault' if there is a fault; otherwise 'good' against the full model, or 'no fault found' without it."""
         return FAULT if self.faults else GOOD if self.full_size else NONE_FOUND
 
     @property
     def error(self) -> Array:
-        """How far each frequency is off, or may be off, relative to the full model's, shape (k,): |omega/lower - 1|."""
+        """|omega/lower - 1|, shape (k,): the relative error of each frequency; without the full model, a bound of it."""
         safe = np.where(self.lower == 0, np.nan, self.lower)
         return np.where(self.lower == 0, np.inf, np.abs(self.omega / safe - 1))
 
     @property
     def trusted(self) -> float:
-        """ω up to which every frequency is within 1 %, by the full model or by the bound. NaN where nothing is known."""
+        """ω up to which the error of every frequency is at most 1 %, and the cut-off at most. NaN if no error is known."""
         known = self.error
         if not len(known) or np.isnan(known[0]):
             return np.nan
@@ -106,7 +106,7 @@ class Audit(Displayed):
 
     @property
     def _left(self) -> str:
-        """How many things the small matrices alone do not show."""
+        """The number of checks that the small matrices alone do not decide, in words."""
         return f"{len(self.unknown)} thing{'s' * (len(self.unknown) != 1)} cannot be known"
 
     @property
@@ -139,7 +139,7 @@ class Audit(Displayed):
         return Verdict([*decides, trust, *unknown], (), answer, headline, "Is the reduced model what it should be?")
 
     def tables(self) -> list[Table]:
-        """The checks, and the frequencies with what they are worth."""
+        """The checks, and the frequencies with their errors or bounds."""
         rows = [{"check": one.what, **{key: getattr(one, key) for key in ("verdict", "figure", "limit", "said", "todo")}}
                 for one in self.findings]
         values = [{"mode": at + 1, "omega": float(one), "full": None if np.isnan(low) else float(low),
@@ -166,7 +166,7 @@ class Audit(Displayed):
                                    "\n".join(f"- {line}" for line in said.decides)]))
 
     def record(self) -> dict[str, Any]:
-        """Everything as numbers, texts and lists, for JSON."""
+        """The whole result as numbers, texts and lists, for JSON."""
         def plain(value: float | None) -> float | None:
             return None if value is None or not np.isfinite(value) else float(value)
 
@@ -178,7 +178,7 @@ class Audit(Displayed):
 
 
 def _word(row: Mapping[str, Any]) -> str:
-    """A fault in capitals. By a name, so that tables of two equal audits are equal."""
+    """The verdict, with a fault in capitals. It is no lambda, so that the tables of two equal audits compare as equal."""
     return "FAULT" if row["verdict"] == FAULT else row["verdict"]
 
 
@@ -186,32 +186,33 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
           cutoff: float | None = None, floating: bool | None = None, gyroscopic: bool = False, units: str = "") -> Audit:
     """Check a reduced model from any source: M, D, K of shape (r, r), by itself or against the full one, (n, n).
 
-    By itself it is checked for symmetry, definiteness, modes that are orthonormal, rigid motion without energy, the mass matrix
-    of a rigid body, and digits. Against the full model each statement is an equation, a count or a bound:
+    Without the full model the checks are: symmetry, definiteness, orthonormal modes, rigid motion without strain energy, the mass
+    matrix of a rigid body, and the number of digits. Against the full model each statement is an equation, a count or a bound:
 
         M = VᵀMV, K = VᵀKV, D = VᵀDV,   XᵀKX = K_bb - K_bi K_ii⁻¹ K_ib,   XᵀMX = CᵀMC,   ω ≥ ω_full,
 
-    X (r, n_b) and C (n, n_b) the static responses to motions of the interface. The modes below the cut-off are counted by the
-    inertia of K - ω²M. Only the first three equations need V.
+    with X (r, n_b) and C (n, n_b) the static responses of both models to motions of the interface. The modes below the cut-off
+    are counted by the inertia of K - ω²M. Only the first three equations need V.
 
     Parameters
     ----------
     reduced : ReducedSubstructure, Substructure, Pencil or mapping
-        A mapping has the matrices as they are, faults and all: M, K, and any of D, V (n, r), interface (coordinates that are
-        interface DOF, from 0), full_interface (these as rows of the full model), kinds (a word for each coordinate, as of
-        `ReducedSubstructure`), dofs (the `DofMap` of the interface, with points), cutoff, name.
+        A mapping has the matrices as given, with any faults: M, K, and optionally D and V (n, r). Further entries are interface
+        (coordinates that are interface DOF, from 0), full_interface (the same DOF as rows of the full model), cutoff and name.
+        The entry kinds has a word for each coordinate, as of `ReducedSubstructure`, and dofs the `DofMap` of the interface with
+        points.
     full : Substructure, optional
-        The full model with its interface, in the order of the reduced one's.
+        The full model. Its interface is in the order of the reduced model's interface.
     mass : float, optional
         The mass that the part should have, to 1 %.
     cutoff : float, optional
-        The cut-off: all modes below it are kept, as the author states. Default: that of the model itself.
+        The cut-off that the author states: all modes below it are kept. Default: the cut-off of the model itself.
     floating : bool, optional
         Whether the part is unsupported. With the full model this is known.
     gyroscopic : bool
         Whether the part turns, so that D may be unsymmetric.
     units : str
-        'SI' or 'mm-t-s': whether mass, lengths and frequencies are those of a solid is checked then.
+        'SI' or 'mm-t-s'. If given, mass, lengths and frequencies are checked against those of possible solids.
 
     Returns
     -------
@@ -221,7 +222,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     Raises
     ------
     InputError, InputTypeError
-        No matrices M and K; an entry of the mapping that is not known; a full model that is no `Substructure`.
+        M or K is missing; the mapping has an unknown entry; the full model is no `Substructure`.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""What an audit looks at: a reduced model's matrices as they are, faults and all, and the full model, if that is there.
+"""The case of an audit: a reduced model's matrices as given, with any faults, and the full model if there is one.
 
-What several checks need of both is computed here, once.
+Quantities of both models that several checks need are computed here, once.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ GOOD, FAULT, UNKNOWN = "good", "fault", "unknown"
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check of an audit has found.
+    """The result of one check of an audit.
 
     Attributes
     ----------
     what : str
-        What was checked.
+        The name of the check.
     verdict : str
         'good', 'fault' or 'unknown'.
     said : str
-        What was found, in a sentence.
+        The result in a sentence.
     figure, limit : float, optional
-        The number that decides, and how large it may be.
+        The number that decides, and its largest good value.
     todo : str
-        What to do about it.
+        Advice.
     """
 
     what: str
@@ -51,15 +51,15 @@ class Finding:
 
 
 def unknown(why: str, todo: str = "", figure: float | None = None, limit: float | None = None) -> Finding:
-    """What cannot be decided. The name of the check is put in later."""
+    """The finding that a check cannot decide. The check adds its name later."""
     return Finding("", UNKNOWN, why, figure, limit, todo)
 
 
 class KeptModes(NamedTuple):
-    """The modes of the full model up to the first one that the reduced model lacks; None where all are kept.
+    """The lowest `modes` of the full model, one more than the reduced model keeps; None if nothing can be left out.
 
-    `apart` is how far ω² of each mode kept is from the nearest of these, and `first` the frequency of the first one missing.
-    `tally` are the modes below the cut-off, stated or found, in the reduced and in the full model.
+    `apart` has the relative difference of ω² of each kept mode from the nearest of these modes. `first` is the frequency of the
+    first missing mode, or a lower stated cut-off. `tally` counts the modes below the cut-off, stated or found, in both models.
     """
 
     modes: NormalModes | None
@@ -70,14 +70,14 @@ class KeptModes(NamedTuple):
 
 @dataclass(eq=False)
 class Case(GivenModel):
-    """A reduced model, what its user knows of the part, and the full model. `turning` is whether the part turns.
+    """A reduced model, facts that its user states, and the full model. `turning` is whether the part turns.
 
     Parameters
     ----------
     most : int
-        Frequencies that are compared, at most: each costs a mode of the full model.
+        Largest number of frequencies that are compared: each costs a mode of the full model.
     few : int
-        Frequencies that are bounded without the full model, and printed, at most.
+        Largest number of frequencies that are printed, and that are bounded without the full model.
     sound : bool
         Whether no check of the small matrices alone has found a fault so far.
     stopped : bool
@@ -100,7 +100,7 @@ class Case(GivenModel):
 
     @cached_property
     def has(self) -> dict[str, bool]:
-        """What checks may need, by its word."""
+        """Requirements of checks: word → whether the case meets the requirement."""
         return {"full": self.full is not None, "alone": self.full is None, "no V": self.V is None, "projected": self.projected,
                 "massless": not self.projected, "damped": self.D is not None and bool(self.D.any())}
 
@@ -108,11 +108,11 @@ class Case(GivenModel):
     def bounds(self) -> FrequencyBounds | Finding:
         """Bounds of the lowest frequencies from the small matrices and the stated cut-off, or why there are none."""
         if not self.sound:
-            return unknown("the faults come first")
+            return unknown("they are not computed before the faults are corrected")
         if np.isnan(self.cutoff):
             return unknown("no cut-off is stated")
         if self.basis != "held":
-            return unknown("bounds without the full model are known for Craig-Bampton models alone")
+            return unknown("without the full model, bounds are known for Craig-Bampton models only")
         try:
             return self.frequency_bounds(max(1, min(self.few, len(self.elastic_frequencies))))
         except FemsubError as error:
@@ -122,7 +122,7 @@ class Case(GivenModel):
 
     @property
     def whole(self) -> Substructure:
-        """The full model, by checks that need it."""
+        """The full model, for checks that need it."""
         assert self.full is not None
         return self.full
 
@@ -133,7 +133,7 @@ class Case(GivenModel):
 
     @cached_property
     def active(self) -> bool | None:
-        """Whether the symmetric part of the full model's D has a negative eigenvalue; None of a large model."""
+        """Whether the symmetric part of the full model's D has a negative eigenvalue; None for a large model."""
         if self.full is None:
             return False
         if self.full.size > DENSE:
@@ -143,12 +143,12 @@ class Case(GivenModel):
 
     @cached_property
     def rows(self) -> Array:
-        """The interface as DOF of the full model, as the reduced model states it, or else as the full one."""
+        """The interface as DOF of the full model: as the reduced model states it, or else the full model's own."""
         return self.whole.interface if self.full_interface is None else self.full_interface
 
     @cached_property
     def inside(self) -> Array:
-        """The other DOF of the full model."""
+        """The DOF of the full model that are not interface DOF."""
         return np.setdiff1d(np.arange(self.whole.size), self.rows)
 
     @cached_property
@@ -163,15 +163,15 @@ class Case(GivenModel):
 
     @property
     def factor(self) -> ShiftInvert:
-        """The factor that the modes of the reduced model's basis belong to."""
+        """The factor of the full model for the modes of the reduced model's basis: interface held or free."""
         return self.held if self.basis == "held" and len(self.rows) and len(self.inside) else self.free
 
     def lowest(self, handle: ShiftInvert, count: int) -> NormalModes:
-        """So many modes of the full model by one of its factors, or all."""
+        """The rigid-body modes and the `count` lowest elastic modes (or all) of the full model, by one of its factors."""
         return lowest_modes(handle, max(0, min(count, handle.elastic)))
 
     def reduced(self, method: Method, ports: bool = False) -> Substructure:
-        """The full model, with the interface as it is stated, reduced anew."""
+        """A new reduction of the full model, with the interface that the reduced model states."""
         full = self.whole
         if not np.array_equal(self.rows, full.interface):
             full = Substructure(full.M, full.K, full.D, self.rows, full.ports, full.name, full.dofs)
@@ -181,7 +181,7 @@ class Case(GivenModel):
 
     @cached_property
     def statics(self) -> Any:
-        """The full model reduced to its constraint modes, V; or why there are none."""
+        """The full model reduced to its constraint modes, the columns of V; or a finding why there are none."""
         if not len(self.rows):
             return unknown("no interface is known")
         try:
@@ -191,7 +191,7 @@ class Case(GivenModel):
 
     @cached_property
     def comparable(self) -> tuple[Array, Array, ReducedSubstructure] | None:
-        """U and X of the reduced model, and the full one on its interface, where both have static responses to the same one."""
+        """U and X of the reduced model, and the full model's `statics`; None unless both are responses to the same interface."""
         if isinstance(self.statics, Finding) or self.interface is None or not len(self.B) or len(self.B) != len(self.rows) \
                 or self.static is None:
             return None
@@ -199,11 +199,14 @@ class Case(GivenModel):
 
     @cached_property
     def moved(self) -> tuple[Array, Array, float | None] | Finding:
-        """q (r, k) of the full model's rigid motion Z (n, k), Z, and the share of Z that V leaves out where q comes from V."""
+        """Coordinates q (r, k) of the full model's rigid motion Z (n, k), Z, and the share of Z that V leaves out.
+
+        The share is None unless q is computed by V.
+        """
         try:
             Z = self.free.rigid
         except FemsubError as error:
-            return unknown(f"that of the full model could not be found: {error}")
+            return unknown(f"the rigid motion of the full model could not be computed: {error}")
         U, X, left = self.parted[0], self.static, None
         at = U.T @ Z[self.rows] if len(self.rows) == len(U) else Z[:0]
         if not Z.shape[1]:
@@ -219,14 +222,14 @@ class Case(GivenModel):
             return unknown("the interface does not distinguish all rigid motions", "Give V")
         carried = self.motion
         if carried is not None and carried.shape == q.shape and self.strain(carried) <= EQUAL:
-            q = carried @ np.linalg.lstsq(carried, q, rcond=None)[0]  # without its rounding
+            q = carried @ np.linalg.lstsq(carried, q, rcond=None)[0]  # removes the rounding errors of q
         return q, Z, left
 
     @cached_property
     def kept(self) -> KeptModes | Finding:
-        """The modes that the reduced model keeps, beside those of the full one.
+        """The modes that the reduced model keeps, compared with modes of the full model.
 
-        Those below a stated cut-off, or else below the first one that is missing, are counted by the inertia of K - ω²M.
+        The modes below a stated cut-off, or else below the first missing mode, are counted by the inertia of K - ω²M.
         """
         state, none = "State the kinds of the coordinates, or the interface", np.zeros(0)
         if not self.basis:
@@ -244,18 +247,19 @@ class Case(GivenModel):
             wanted = (len(own) - rigid if held else int(np.count_nonzero(own[rigid:] < cut)) if np.isfinite(cut) else
                       len(self.modal) - rigid)
             modes = self.lowest(handle, min(wanted + 1, self.most))
-            # how far each is from the nearest one of the full model, as far as these are known
+            # relative difference of each ω² from the nearest one of the full model, up to the highest that was computed
             there = modes.frequencies[rigid:]
             known = elastic[elastic <= there.max(initial=0.0) * (1 + AGREE)]
             apart = np.abs(known[:, None] ** 2 / there[None, :] ** 2 - 1).min(axis=1) if len(known) else known
             strange = np.count_nonzero(~(apart <= AGREE))
-            shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static, beside the modes
-            # V says what the coordinates are: Herting's have the form of Craig-Bampton's, and need not be modes
+            shapes = sum(np.size(column) // self.whole.size for column in self.whole.ports.values())  # static ones
+            # without stated kinds the coordinates need not be modes, and V shows what they are; Herting's matrices, for example,
+            # have the form of Craig-Bampton's
             if not self.kinds and strange and (self.V is not None or strange > len(apart) / 2 or strange <= shapes
                                                or self.is_herting(own)):
                 return unknown("the coordinates beside the interface are not stated to be modes, and "
-                               f"{strange} of {len(apart)} are none of the full model", state)
-            # the lowest frequency of the full model that the reduced one has not got, as often as it stands there
+                               f"{strange} of {len(apart)} are no modes of the full model", state)
+            # the lowest frequency of the full model that the reduced one lacks, multiplicities included
             true, left, first = modes.frequencies, list(own), np.inf
             for value in true:
                 near = [at for at, one in enumerate(left)
@@ -277,7 +281,7 @@ class Case(GivenModel):
     def is_herting(self, own: Array) -> bool:
         """Whether these frequencies of the interior are those of Herting's model of the same size."""
         rigid = self.free.rigid.shape[1]
-        for modes in {len(own), len(own) - rigid}:  # with its inertia relief, of which a part may depend on the modes
+        for modes in {len(own), len(own) - rigid}:  # inertia relief depends on the modes, or is apart from them
             try:
                 again = replace(GivenModel.of(self.reduced(METHODS["herting"](modes))), kinds=()).kept_frequencies
             except FemsubError:
@@ -288,9 +292,9 @@ class Case(GivenModel):
 
     @cached_property
     def frequencies(self) -> tuple[Array, Array] | Finding:
-        """Elastic frequencies, interface free, up to the cut-off, stated or found: the reduced model's, and what they are beside.
+        """Elastic frequencies (k,), interface free, up to the cut-off, stated or found, and the full model's frequencies (k,).
 
-        These are the full model's, (k,) both, or without it what they cannot lie below.
+        Without the full model, the second array has lower bounds of its frequencies.
         """
         if self.full is None:
             found = self.bounds
@@ -303,7 +307,7 @@ class Case(GivenModel):
             true = self.lowest(self.free, most).frequencies[rigid:]
             return own[:len(true)], true
         except FemsubError as error:
-            return unknown(f"those of the full model could not be found: {error}")
+            return unknown(f"the frequencies of the full model could not be computed: {error}")
 
 
 def listed(numbers: Sequence[int] | Array, most: int = 4) -> str:

@@ -1,6 +1,6 @@
-"""The checks of an audit: what each measures of a case, and the table with what it needs, its limit and its sentences.
+"""The checks of an audit: a function for the figure of each check, and a table of requirements, limits and sentences.
 
-A check sees a figure that its limit decides, a finding that no limit decides, or nothing where it does not apply.
+The function of a check returns a figure, which a limit decides, or a finding without a limit, or None if it does not apply.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from femsub.output import factor_words
 from femsub.reduction import AGREE, HELD_KIND, METHODS, PRODUCTS, SHAPED, Body, GivenModel, Mapped, coupling, off_diagonal
 from femsub.studies.audit_case import FAULT, GOOD, Case, Finding, KeptModes, listed, unknown
 
-#: unit of length in m, of mass in kg
+#: the unit of length in m, and the unit of mass in kg
 SYSTEMS = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}
 
 
 class Seen:
-    """A figure that the limit of its check decides, and the words that fill the check's sentence and advice."""
+    """A figure, to be compared with the limit of its check, and the words that fill the check's sentence and advice."""
 
     def __init__(self, figure: float, **words: Any) -> None:
         self.figure, self.words = float(figure), words
@@ -33,12 +33,12 @@ Sight: TypeAlias = "Seen | Finding | None"
 
 
 def good(said: str, figure: float | None = None, limit: float | None = None) -> Finding:
-    """A finding that is right, with what there is to know of it."""
+    """The finding that a property is good, with facts about it in `said`."""
     return Finding("", GOOD, said, figure, limit)
 
 
 def fault(said: str, todo: str, figure: float | None = None, limit: float | None = None) -> Finding:
-    """A fault with a sentence of its own."""
+    """The finding of a fault, with its own sentence and advice."""
     return Finding("", FAULT, said, figure, limit, todo)
 
 
@@ -51,7 +51,7 @@ def not_numbers(case: Case) -> Sight:
 
 
 def misfits(case: Case) -> Sight:
-    """Shapes and lists that do not belong together."""
+    """Shapes of matrices and lists that do not fit together."""
     r, places, wrong = case.size, case.interface, ""
     shapes = {key: A.shape for key, A in case.given.items()}
     if bad := [key for key in "MKD" if shapes.get(key, (r, r)) != (r, r)]:
@@ -70,7 +70,7 @@ def misfits(case: Case) -> Sight:
 
 
 def other_model(case: Case) -> Sight:
-    """Sizes that no reduction of this full model has; nothing is said where they fit."""
+    """Sizes that no reduction of this full model has; None where they fit."""
     n, rows, wrong = case.whole.size, case.full_interface, ""
     if case.V is not None and len(case.V) != n:
         wrong = f"V has {len(case.V)} rows, but the full model {n} DOF"
@@ -82,7 +82,7 @@ def other_model(case: Case) -> Sight:
 
 
 def rounded(case: Case) -> Sight:
-    """Relative rounding of the entries, as the digits show that they end after."""
+    """The relative rounding error of the entries, from the number of digits after which they end."""
     found = {key: rounding_of(case.given[key], np.zeros((case.size, 0))) for key in "KM"}
     worst = max(found, key=lambda key: found[key])
     return Seen(found[worst], key=worst, digits=1 - np.log10(8 * found[worst]))
@@ -97,7 +97,10 @@ def skew(key: str, case: Case) -> Sight:
 
 
 def negative(key: str, case: Case) -> Sight:
-    """-λ_min of a matrix scaled to a diagonal of 1, and the coordinate that moves most; M may lack the mass of an interface."""
+    """-λ_min of a matrix scaled to a diagonal of 1, and the coordinate that moves most in its eigenvector.
+
+    M may be zero at interface DOF of MacNeal's models only.
+    """
     A, bare = case.given[key], case.massless
     values, vectors = np.linalg.eigh(by_diagonal((A + A.T) / 2))
     lowest = max(-float(values[0]), 0.0)
@@ -109,7 +112,7 @@ def negative(key: str, case: Case) -> Sight:
 
 
 def dependent(case: Case) -> Sight:
-    """The energy of the motion that has least of mass and stiffness; coordinates that are all zero are reported."""
+    """The relative energy of the motion with the least mass and stiffness. Coordinates that have neither are a fault."""
     some = np.flatnonzero(case.M.any(axis=0) | case.K.any(axis=0))
     if not len(some) or (len(some) < case.size and "interface force" not in case.kinds):
         empty = np.setdiff1d(np.arange(case.size), some)
@@ -135,7 +138,7 @@ def gyroscopic(case: Case, D: Array) -> Sight:
 
 
 def feeding(case: Case, D: Array) -> Sight:
-    """-λ_min of the symmetric part of D, each coordinate scaled by its own damping, or by a share of the largest rate."""
+    """-λ_min of the symmetric part of D. Each coordinate is scaled by its own damping, plus a share of the largest rate."""
     rates = []
     for A in (case.M, case.K):
         there = A.diagonal() > 0
@@ -146,14 +149,14 @@ def feeding(case: Case, D: Array) -> Sight:
     values, vectors = np.linalg.eigh((D + D.T) / 2 / np.outer(size, size))
     found = max(-float(values[0]), 0.0)
     if found > EQUAL and (case.gyroscopic or (case.full is not None and case.active is not False)):
-        return None if case.active else unknown(  # the full model's own does the same otherwise
+        return None if case.active else unknown(  # None: D of the full model feeds energy in, too
             "its symmetric part feeds energy in, as friction on a part that turns may do", "Look at D of the full model", found,
             EQUAL)
     return Seen(found, at=int(np.abs(vectors[:, 0]).argmax()))
 
 
 def unlike_modes(case: Case) -> Sight:
-    """How far ΦᵀMΦ is from I, and ΦᵀKΦ from a diagonal."""
+    """The largest difference of ΦᵀMΦ from I, and of ΦᵀKΦ from a diagonal matrix, relative to energies of single modes."""
     at = case.modal
     if not len(at):
         return unknown("which coordinates are modes is not stated, and they do not look like it", "State the kinds of the "
@@ -166,7 +169,7 @@ def unlike_modes(case: Case) -> Sight:
 
 
 def shared_stiffness(case: Case) -> Sight:
-    """ΨᵀKΦ between constraint and fixed-interface modes."""
+    """ΨᵀKΦ between constraint modes Ψ and fixed-interface modes Φ, relative to energies of single coordinates."""
     at = case.modal
     if case.basis != "held" or not 0 < len(at) < case.size:
         return None
@@ -174,7 +177,10 @@ def shared_stiffness(case: Case) -> Sight:
 
 
 def moved_mass(case: Case, mapped: Mapped) -> Sight:
-    """The least and the largest share of the mass that the fixed-interface modes move, Σ L²/m with L = M_qb R, over RᵀM_bb R."""
+    """The least and the largest share of the mass that the fixed-interface modes move in a rigid motion q.
+
+    The share is Σ L²/m over qᵀMq, with the rows L = (M q)_i and the masses m = M_ii of the modes i.
+    """
     X, at = case.static, case.modal
     if X is None or case.basis != "held" or not len(at) or not mapped.at.size:
         return None
@@ -188,7 +194,7 @@ def moved_mass(case: Case, mapped: Mapped) -> Sight:
 
 
 def alike_modes(case: Case) -> Sight:
-    """Two modes with the same frequency that move the interface alike; of a symmetric part that may be so."""
+    """Two modes with the same frequency that act on the interface alike. A symmetric part may have such modes."""
     at, square = case.modal, case.modal_frequencies**2
     others = np.setdiff1d(np.arange(case.size), at)
     moved = np.vstack([case.M[np.ix_(others, at)], case.K[np.ix_(others, at)]])
@@ -202,20 +208,20 @@ def alike_modes(case: Case) -> Sight:
 
 
 def carried_strain(case: Case, motion: Array) -> Sight:
-    """The energy of the rigid motion that the model carries, over that of its single DOF."""
+    """The strain energy of the rigid motion that the model carries, relative to the energy of single DOF."""
     return Seen(case.strain(motion))
 
 
 def mapped_strain(case: Case) -> Sight:
-    """The energies of the rigid motions that the DOF map names, relative to those of the single DOF."""
+    """The strain energies of the rigid motions that the DOF map names, relative to the energy of single DOF."""
     if case.mapped is None:
         return None if case.motion is not None else unknown(
             "nothing says where the interface DOF are and how they move", "Give the DOF map of the interface, with points "
             "(dofs), or the full model")
     _, energy, free, whole = case.mapped
     if not len(energy):
-        return unknown("the DOF map has no translations that are known, or the interface moves in shapes only",
-                       f"Labels that are known: {', '.join(MOTIONS)}, w, w,x and w,y")
+        return unknown("the DOF map has no known translations, or the interface moves in shapes only",
+                       f"Known labels: {', '.join(MOTIONS)}, w, w,x and w,y")
     count = int(np.count_nonzero(energy <= EQUAL))
     soft = energy[(energy > EQUAL) & (energy <= SHAPED)]
     wrong = ""
@@ -228,16 +234,16 @@ def mapped_strain(case: Case) -> Sight:
                      if energy.max() <= SHAPED else "DOF are swapped, have another sign or other units, or the map belongs to "
                      "another model: compare it DOF by DOF", float(energy.max()), EQUAL)
     if len(soft):
-        return unknown(f"{len(soft)} rigid motions have very little energy: a soft mount, or a spring that nobody meant",
+        return unknown(f"{len(soft)} rigid motions have very little energy: a soft mount, or an unintended spring",
                        "State whether the part floats (floating), or give the full model", float(soft.max()), EQUAL)
     if count:
         return good(f"{count} rigid motions are free", float(energy[energy <= EQUAL].max()), EQUAL)
-    return unknown("the part is held, so far as K shows", "State whether it floats (floating), or give the full model",
+    return unknown("the part is held, as far as K shows", "State whether it floats (floating), or give the full model",
                    float(energy.min()), EQUAL)
 
 
 def unlike_body(case: Case, body: Body) -> Sight:
-    """How far the mass matrix of the rigid motions is from that of a rigid body."""
+    """The relative error of the rigid motions' mass matrix, compared with the form that a rigid body's has."""
     if body.wrong <= AGREE:
         return good(f"mass {body.mass:.6g}, its centre at ({', '.join(f'{one:.4g}' for one in body.centre)})", body.wrong, AGREE)
     return Seen(body.wrong, masses=", ".join(f"{one:.6g}" for one in body.P.diagonal()[:3]))
@@ -249,9 +255,10 @@ def other_mass(case: Case, body: Body, stated: float) -> Sight:
 
 
 def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float = 1e8, fastest: float = 2e4) -> Sight:
-    """Mass over the cube of the interface's extent [kg/m³], and the speed [m/s] that waves need for the first elastic ω.
+    """Mass over the cube of the interface's extent L [kg/m³], and the wave speed ω L/π [m/s] of the first elastic ω.
 
-    A long thin part has much less or much more mass than a cube of its extent. No solid has waves faster than `fastest`.
+    The limits of the density are wide, since a part may be much lighter or heavier than a cube of side L. No solid has waves
+    faster than `fastest`.
     """
     if case.units not in SYSTEMS:
         return unknown("the system of units is not stated", "State units ('SI' or 'mm-t-s')")
@@ -269,7 +276,7 @@ def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float 
 
 
 def common_factor(own: Array, there: Array) -> str:
-    """What one factor between two matrices may come from; '' where they differ by none, or by less than 1 %."""
+    """Words on a common factor between two matrices and its possible cause; '' without one, or if it is within 1 % of 1."""
     large = np.abs(there) > AGREE * np.abs(there).max(initial=0.0)
     if not large.any():
         return ""
@@ -280,13 +287,13 @@ def common_factor(own: Array, there: Array) -> str:
 
 def unlike(apart: Array, own: Array, there: Array) -> Seen:
     """The largest of the differences `apart` of two matrices, with its place, the entries there, and a common factor."""
-    # the first entry that is as large as any, but for rounding
+    # the first entry that equals the largest one within rounding
     i, j = np.unravel_index(int(np.argmax(apart >= (1 - AGREE) * apart.max())), apart.shape)
     return Seen(apart.max(), i=i, j=j, own=own[i, j], there=there[i, j], factor=common_factor(own, there))
 
 
 def unlike_interface(apart: Array, own: Array, there: Array) -> Seen:
-    """The same of matrices of the interface, with what would explain the difference: signs, an order, units, some DOF."""
+    """`unlike` for matrices of the interface, with a guess at the cause: signs, order or units of DOF, or some of the DOF."""
     size = np.sqrt(np.abs(there.diagonal()))
     size = np.where(size > 0, size, 1.0)
     wrong = np.abs(own - there) > AGREE * np.outer(size, size)
@@ -306,7 +313,7 @@ def unlike_interface(apart: Array, own: Array, there: Array) -> Seen:
 
 
 def other_interface(case: Case) -> Sight:
-    """Whether the reduced model and the full one list the same interface DOF; nothing is said where they do."""
+    """Whether the reduced model and the full one list the same interface DOF in the same order; None if they do."""
     own, there = case.full_interface, case.whole.interface
     if own is None or not len(there) or np.array_equal(own, there):
         return None
@@ -319,7 +326,7 @@ def other_interface(case: Case) -> Sight:
 
 
 def unmoved_interface(case: Case, V: Array, interface: Array) -> Sight:
-    """How far V moves interface DOF by other than one with their coordinates."""
+    """The largest difference of the interface rows of V from B: each coordinate must move its own interface DOF by 1."""
     if len(interface) != len(case.rows):
         return None
     wrong = np.abs(V[case.rows] - case.B).max(axis=1)
@@ -327,14 +334,14 @@ def unmoved_interface(case: Case, V: Array, interface: Array) -> Sight:
 
 
 def unlike_projection(key: str, case: Case, V: Array) -> Sight:
-    """A - VᵀAV over the energies of single coordinates; MacNeal's M is that of its free modes Φ alone, VᵀMΦΦᵀMV."""
+    """A_reduced - VᵀAV relative to energies of single coordinates. MacNeal's M is that of its free modes Φ only: VᵀMΦΦᵀMV."""
     whole, A, size = case.whole, getattr(case.whole, key), np.abs(V)
     own, there = case.given.get(key, np.zeros_like(case.K)), V.T @ (A @ V)
     scale = there
     if key == "D":
         if not (own.any() or there.any()):
             return None
-        # D may cancel, or be skew
+        # terms of VᵀDV may cancel, and D may be skew: its diagonal is no scale then
         scale = np.diag((size.T @ (abs(A) @ size) if there.any() else V.T @ (whole.M @ V)).diagonal())
     if key == "M" and not case.projected:
         massive = case.lowest(case.free, case.mass_rank - case.free.rigid.shape[1])
@@ -349,18 +356,18 @@ def unlike_projection(key: str, case: Case, V: Array) -> Sight:
 
 
 def other_spectrum(case: Case) -> Sight:
-    """All ω of the reduced model, against those of the full one in the shapes that the kinds of coordinates name.
+    """All ω of the reduced model, compared with ω of the full model in the span of the shapes that the kinds name.
 
-    The span of constraint and fixed-interface modes is known, and that of free modes and the residual response to forces at the
-    interface. ω does not depend on the coordinates in it, so no V is needed.
+    This span is known for constraint and fixed-interface modes, and for free modes with the residual response to forces at the
+    interface. ω does not depend on the choice of coordinates in the span, so V is not needed.
     """
     sub, basis, n_b = case.whole, case.basis, len(case.rows)
     if not case.kinds or not basis or not n_b or (basis == "held" and isinstance(case.statics, Finding)):
         return None
     rigid = 0 if basis == "held" else case.free.rigid.shape[1]
-    # some of MacNeal's modes may be solved for, and their coordinates named after the interface
+    # some modal coordinates of MacNeal's model may have been replaced by interface coordinates: count its modes by the rank of M
     kept = case.kinds.count(HELD_KIND if basis == "held" else "free") if case.projected else case.mass_rank - rigid
-    if basis == "free" and not kept:  # Herting's kinds do not name the modes alone
+    if basis == "free" and not kept:  # Herting's model has one kind for modes and inertia relief
         if sub.ports:
             return None
         kept = max(0, case.size - n_b - rigid)
@@ -375,7 +382,7 @@ def other_spectrum(case: Case) -> Sight:
     there, own = GivenModel.of(again).free_frequencies, case.free_frequencies
     elastic = there[case.free.rigid.shape[1]:]
     if len(own) != len(there) or not len(elastic) or not elastic[0]:
-        return None  # shapes that depend on each other were left out
+        return None  # dependent shapes were left out of one of the two
     beyond = np.maximum(np.abs(own**2 - there**2) - PRODUCTS * len(own) * there[-1] ** 2, 0.0)
     apart = beyond / np.maximum(there, elastic[0]) ** 2
     worst = int(apart.argmax())
@@ -383,7 +390,7 @@ def other_spectrum(case: Case) -> Sight:
 
 
 def unlike_statics(case: Case) -> Sight:
-    """XᵀKX against the full model's stiffness condensed to the interface, where this is among the coordinates."""
+    """XᵀKX, compared with the full model's stiffness condensed to the interface, if interface DOF are coordinates."""
     n_b, statics, U, X = len(case.rows), case.statics, case.parted[0], case.static
     if isinstance(statics, Finding):
         return statics
@@ -395,8 +402,8 @@ def unlike_statics(case: Case) -> Sight:
     if case.interface is None:
         return None
     if X is None:
-        return fault("the inside of the reduced model has no firm hold at the interface",
-                     "A coordinate has no stiffness, or K is not that of this model")
+        return fault("with the interface held, the stiffness of the reduced model is singular or indefinite",
+                     "A coordinate has no stiffness, or K is the matrix of another model")
     bare = case.whole.K.diagonal()[case.rows]
     C = np.abs(statics.V)
     floor = C.T @ (abs(case.whole.K) @ C) * PRODUCTS + EPS * np.sqrt(np.outer(bare, bare))
@@ -406,7 +413,7 @@ def unlike_statics(case: Case) -> Sight:
 
 
 def lost_statics(case: Case, V: Array, statics: ReducedSubstructure) -> Sight:
-    """What V leaves out of the constraint modes, in the energy norm; inertia gives rigid motion an energy too."""
+    """The share of the constraint modes that V leaves out, in the norm of K + ω²M: its M gives rigid motion an energy too."""
     if case.interface is not None or len(case.B) != len(case.rows):
         return None
     whole, elastic = case.whole, case.elastic_frequencies
@@ -422,14 +429,14 @@ def lost_statics(case: Case, V: Array, statics: ReducedSubstructure) -> Sight:
 
 
 def unlike_inertia(case: Case, comparable: tuple[Array, Array, ReducedSubstructure]) -> Sight:
-    """XᵀMX of a Ritz model against the full model's on the interface, CᵀMC."""
+    """XᵀMX of a Ritz model, compared with CᵀMC of the full model, C its static response to motions of the interface."""
     U, X, statics = comparable
     own, there = X.T @ case.M @ X, U.T @ statics.M @ U
     return unlike_interface(over_diagonal(own - there, there), own, there)
 
 
 def unlike_damping(case: Case, comparable: tuple[Array, Array, ReducedSubstructure], D: Array) -> Sight:
-    """XᵀDX against the full model's on the interface, CᵀDC, where no V says more."""
+    """XᵀDX, compared with CᵀDC of the full model; only without V, since D = VᵀDV is the stricter check."""
     U, X, statics = comparable
     own, there, C = X.T @ D @ X, U.T @ statics.D @ U, np.abs(statics.V)
     if not (own.any() or there.any()):
@@ -439,12 +446,12 @@ def unlike_damping(case: Case, comparable: tuple[Array, Array, ReducedSubstructu
 
 
 def missing_motion(case: Case, moved: tuple[Array, Array, float | None]) -> Sight:
-    """The share of the full model's rigid motion that V leaves out, where the interface does not distinguish it."""
+    """The share of the full model's rigid motion that V leaves out, if the interface does not distinguish rigid motions."""
     return None if moved[2] is None else Seen(moved[2], left=moved[2])
 
 
 def moved_strain(case: Case) -> Sight:
-    """The energy of the full model's rigid motion in the reduced one."""
+    """The strain energy in the reduced model of the full model's rigid motion."""
     if isinstance(case.moved, Finding):
         return case.moved
     q, Z, _ = case.moved
@@ -452,14 +459,17 @@ def moved_strain(case: Case) -> Sight:
 
 
 def other_inertia(case: Case, moved: tuple[Array, Array, float | None]) -> Sight:
-    """qᵀMq - I of the full model's rigid motion of unit mass."""
+    """qᵀMq - I in the reduced model, for the full model's rigid motion q, which is normalised to unit mass."""
     P = moved[0].T @ case.M @ moved[0]
     return Seen(np.abs(P - np.eye(len(P))).max(), masses=", ".join(f"{one:.6g}" for one in P.diagonal()),
                 factor=common_factor(P, np.eye(len(P)))) if len(P) else None
 
 
 def uncounted(case: Case) -> Sight:
-    """The difference of the modes below the cut-off, by the inertia of K - ω²M of the full model; or what is known of it."""
+    """The difference of the numbers of modes below the cut-off, for the full model by the inertia of K - ω²M.
+
+    Without a stated cut-off, a finding about the first mode that is left out.
+    """
     kept, cut = case.kept, case.cutoff
     if isinstance(kept, Finding):
         return kept
@@ -468,22 +478,26 @@ def uncounted(case: Case) -> Sight:
         return good("nothing is left out" if own else "all DOF are interface")
     if np.isfinite(cut) and full is not None:
         return Seen(abs(full - own), counted=full, cut=cut, listed=own, advice="Keep all modes below the cut-off, or state a "
-                    "lower one" if full > own else "A mode is listed twice, or is none of the full model")
+                    "lower one" if full > own else "A mode is listed twice, or is no mode of the full model")
     if np.isinf(kept.first):
         return good("")
     if np.isinf(cut):
-        return fault(f"the model says that no mode is left out, but one at {kept.first:.6g} rad/time is", "State this cut-off")
-    return good(f"none is stated; the first mode that is left out is at {kept.first:.6g} rad/time")
+        return fault(f"the model states that no mode is left out, but a mode at {kept.first:.6g} rad/time is missing",
+                     "State this cut-off")
+    return good(f"no cut-off is stated; the first mode that is left out is at {kept.first:.6g} rad/time")
 
 
 def unconverged(case: Case, kept: KeptModes) -> Sight:
-    """The largest relative distance in ω² of a mode from the nearest one of the full model."""
+    """The largest relative difference in ω² of a kept mode from the nearest mode of the full model."""
     off = kept.apart.max(initial=0.0)
     return Seen(off, mode=int(kept.apart.argmax()) + 1, off=off) if len(kept.apart) else None
 
 
 def unlike_coupling(case: Case, kept: KeptModes, statics: ReducedSubstructure, static: Array) -> Sight:
-    """M_bi: what the modes of each cluster take part in motions of the interface, Σ p pᵀ, which no rotation changes."""
+    """M_bi: the participation Σ p pᵀ of each cluster of modes in motions of the interface, compared with the full model's.
+
+    A rotation of the modes within their cluster does not change this sum.
+    """
     U, at, C = case.parted[0], case.modal, statics.V
     if kept.modes is None or case.basis != "held" or len(U) != len(case.rows) or "static port" in case.kinds:
         return None
@@ -505,7 +519,7 @@ def unlike_coupling(case: Case, kept: KeptModes, statics: ReducedSubstructure, s
 
 
 def lowered(case: Case, frequencies: tuple[Array, Array]) -> Sight:
-    """How far a frequency of a Ritz model lies below the full model's."""
+    """The largest relative distance by which a frequency of a Ritz model lies below the full model's."""
     own, there = frequencies
     if not len(own):
         return None
@@ -514,7 +528,7 @@ def lowered(case: Case, frequencies: tuple[Array, Array]) -> Sight:
 
 
 def unbounded(case: Case, frequencies: tuple[Array, Array], bounds: Any) -> Sight:
-    """How far a frequency of the full model lies below its bound from the small matrices alone."""
+    """The largest relative distance by which a frequency of the full model lies below its bound from the small matrices."""
     there, bound = (values[:min(len(bounds.lower), len(frequencies[1]))] for values in (frequencies[1], bounds.lower))
     if not len(there) or not np.isfinite(case.cutoff) or not case.kinds or bounds.rigid != case.free.rigid.shape[1]:
         return None
@@ -523,31 +537,33 @@ def unbounded(case: Case, frequencies: tuple[Array, Array], bounds: Any) -> Sigh
 
 
 def unseen_modes(case: Case) -> Sight:
-    """Modes that are missing are not seen in the small matrices."""
+    """The finding that the small matrices do not show missing modes."""
     return unknown("whether one is missing cannot be known from the small matrices", "Give the full M and K")
 
 
 def unknown_frequencies(case: Case) -> Sight:
-    """Why the frequencies of the full model are not known, or have no bounds without it; nothing is said where they are."""
+    """Why the full model's frequencies, or bounds of them without it, are not known; None if they are known."""
     return case.frequencies if isinstance(case.frequencies, Finding) else None
 
 
 class Check(NamedTuple):
-    """One check.
+    """One check of an audit.
 
     Attributes
     ----------
     what : str
+        Its name.
     needs : str
-        What a case must have, in words: a word of `Case.has`, or what one of its attributes knows. Else the check is left out.
+        Its requirements, separated by commas: keys of `Case.has`, or attributes of the case that must be known. If one of them
+        is not met, the check is left out.
     figure : callable
-        Of a case and the values of those attributes: the figure, a finding that no limit decides, or None.
+        A function of the case and the values of those attributes. It returns the figure, a finding without a limit, or None.
     limit : float, optional
-        The figure up to which it is good; without one any above 0 is a fault, and no figure is shown.
+        The largest good figure. Without a limit any figure above 0 is a fault, and no figure is shown.
     said, todo : str
         The sentence of a fault and the advice, filled with the words of the figure.
     stops : bool
-        Whether nothing else is checked after a fault.
+        Whether a fault ends the audit.
     """
 
     what: str
@@ -559,7 +575,7 @@ class Check(NamedTuple):
     stops: bool = False
 
     def run(self, case: Case) -> Finding | None:
-        """The finding of a case."""
+        """The finding for a case; None if a requirement is not met, or if the check does not apply."""
         given = []
         for word in filter(None, self.needs.split(", ")):
             value = case.has[word] if word in case.has else getattr(case, word)
@@ -577,7 +593,7 @@ class Check(NamedTuple):
         return Finding(self.what, FAULT, self.said.format(**seen.words), figure, self.limit, self.todo.format(**seen.words))
 
 
-#: what is said of several
+#: names and sentences that several checks share
 LEFT_OUT = "Take matrices and lists of one and the same model. Nothing else was checked"
 STRAINED = "rigid motion strains nothing"
 LOOK = "Look at the {} of coordinate {{at}}: a sign, an entry that is lost, or columns in another order"
@@ -592,7 +608,7 @@ CHECKS = (
           "Write the matrices again. Nothing else was checked", stops=True),
     Check("sizes fit", "", misfits, None, "{wrong}", LEFT_OUT, stops=True),
     Check("same full model", "full", other_model, None, "{wrong}", "The reduction is of another model", stops=True),
-    # the small matrices
+    # checks of the small matrices
     Check("digits", "", rounded, 1e-8, "the entries of {key} end after about {digits:.0f} digits",
           "Write them with all digits (17): low modes and rigid motion are small differences of large entries"),
     Check("M symmetric", "", partial(skew, "M"), EQUAL, "M[{i}, {j}] = {one:.6g}, but M[{j}, {i}] = {other:.6g}", TRIANGLES),
@@ -604,7 +620,7 @@ CHECKS = (
           LOOK.format("stiffness")),
     Check("coordinates independent", "", dependent),
     Check("D symmetric", "D, damped", gyroscopic, EQUAL, "a share of {share:.1e} of D is skew, and the part is not said to turn",
-          "If it turns, state it (gyroscopic); else an entry is lost, or a triangle is"),
+          "If it turns, state it (gyroscopic); otherwise an entry or a triangle of D is lost"),
     Check("D takes energy out", "D, damped", feeding, EQUAL,
           "D has a negative eigenvalue, mostly in coordinate {at}: it feeds energy in",
           "Look at its sign. Friction with a falling characteristic belongs to a contact, not to D"),
@@ -614,7 +630,7 @@ CHECKS = (
           "ΨᵀKΦ is not 0 between constraint modes Ψ and fixed-interface modes Φ",
           "The constraint modes are not the static response of this K: compute them again, K_ii Ψ_i = -K_ib"),
     Check("mass that the modes move", "mapped", moved_mass),
-    # what the full model decides better where it is known
+    # checks that are better done against the full model, if it is given
     Check("no mode twice", "alone, no V", alike_modes),
     Check(STRAINED, "alone, motion", carried_strain, EQUAL, "the rigid motion that the model carries has an elastic energy",
           "K has been changed, or grounded by a spring, since it was reduced"),
@@ -625,10 +641,10 @@ CHECKS = (
     Check("mass as stated", "alone, body, mass", other_mass, 0.01, "the mass is {mass:.6g}, but {stated:.6g} is stated{factor}",
           "Check density and units"),
     Check("units fit", "alone, body", implausible),
-    # against the full model
+    # checks against the full model
     Check("interface list", "full", other_interface, None, "{why}", "Take the list that the reduction was made with"),
     Check("V moves the interface", "full, V, interface", unmoved_interface, AGREE,
-          "V does not move interface DOF {bad} by one with their coordinates",
+          "V does not move interface DOF {bad} by 1 when their coordinates are 1",
           "The interface list, its order or a sign is not that of V"),
     Check("M = VᵀMV", "full, V, projected", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
     Check("M = VᵀMΦΦᵀMV", "full, V, massless", partial(unlike_projection, "M"), AGREE, ENTRY.format("M", "VᵀMV"), "{advice}"),
@@ -651,29 +667,29 @@ CHECKS = (
           "the full model has {count} rigid motions, which have an elastic energy in the reduced one",
           "A spring to the ground, swapped or turned DOF, or entries with few digits"),
     Check("mass and inertia", "full, moved", other_inertia, AGREE,
-          "of rigid motion, the reduced model has {masses} times the full model's{factor}",
-          "Mass is lost or counted twice, the density is another one, or units are"),
+          "in rigid motion, the masses of the reduced model are {masses} times the full model's{factor}",
+          "Mass is lost or counted twice, or density or units differ"),
     Check(BELOW, "full", uncounted, 0.0,
           "the full model has {counted} modes below the stated cut-off {cut:.6g} rad/time, the reduced one {listed}", "{advice}"),
     Check("modes converged", "full, kept", unconverged, AGREE,
-          "mode {mode} of the reduced model is none of the full one: ω² is off by {off:.1e}",
+          "mode {mode} of the reduced model is no mode of the full one: ω² is off by {off:.1e}",
           "Compute it again with a tighter tolerance; or the model is reduced from other matrices, or its coordinates are no "
           "modes: state their kinds"),
     Check("coupling of modes and interface (M_bi)", "full, kept, statics, static", unlike_coupling, SHAPED,
-          "the part of the modes near ω = {omega:.6g} in motions of the interface is not the full model's",
+          "the participation of the modes near ω = {omega:.6g} in motions of the interface differs from the full model's",
           "The block M_bi is lost, transposed or scaled, or its columns are in another order than the modes"),
     Check("frequencies not below the full model's", "full, projected, frequencies", lowered, AGREE,
           "mode {mode} has ω = {own:.6g}, but {there:.6g} in the full model; no projection lowers it", OTHERS),
     Check("frequencies within their bounds", "full, frequencies, bounds", unbounded, AGREE,
           "elastic mode {mode} of the full model has ω = {there:.6g}, below the bound {bound:.6g} by the stated cut-off",
-          "The cut-off is not what is stated, or the matrices are not those of this model"),
-    # what nobody can know
+          "The cut-off differs from the stated one, or the matrices belong to another model"),
+    # what cannot be known
     Check(BELOW, "alone", unseen_modes),
     Check("frequencies", "", unknown_frequencies))
 
 
 def findings(case: Case) -> tuple[Finding, ...]:
-    """Runs the checks that a case has all for, in their order."""
+    """Runs the checks whose requirements the case meets, in the order of the table."""
     found = []
     for check in CHECKS:
         one = check.run(case)

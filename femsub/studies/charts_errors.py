@@ -1,4 +1,4 @@
-"""Charts of errors against run time: of components, of systems part by part, of systems under friction."""
+"""Charts of errors against run time: of components, of systems of several parts, of systems under friction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from femsub.output import ROUNDING, Chart, Level, Panel, Series, floored, groupe
 if TYPE_CHECKING:
     from femsub.studies.results import Row, Study
 
-#: the errors of a chart, those that a figure has first
+#: the errors of each kind of chart; a figure draws the first ones
 COMPONENT = ("error_growth", "error_critical", "error_eigenvalue", "error_frequency")
 SYSTEM = ("error_frequency", "error_growth", "error_critical", "error_force", "error_eigenvalue")
 FRICTION = ("error_eigenvalue", "error_real", "error_critical")
@@ -34,8 +34,8 @@ def study_chart(found: Study, title: str, name: str = "compare") -> Chart:
 def error_time_chart(studies: Sequence[tuple[str, Study]], top: int = 2) -> Chart:
     """Errors over seconds: a row of panels for each study, by the name of its interface.
 
-    Models of full size are not shown, since their errors are rounding. The figure has the `top` errors, side by side: those of
-    growth rates and of the critical slope, or of eigenvalues where there is no slope or its error is rounding. A page has all.
+    Models of full size are not shown, since their errors are rounding. The figure shows `top` of the errors side by side: those
+    of growth rates and of the critical slope, or of eigenvalues if there is no slope or its error is rounding. A page shows all.
     """
     shown = [[row for row in found.rows if row.missing == 0 and row.size < found.full.size] for _, found in studies]
     kinds = [kind for kind in COMPONENT if any(getattr(row, kind) > ROUNDING for rows in shown for row in rows)][:top]
@@ -46,7 +46,7 @@ def error_time_chart(studies: Sequence[tuple[str, Study]], top: int = 2) -> Char
 
 
 def errors_chart(found: Study, title: str, name: str) -> Chart:
-    """Errors of frequencies, growth rates, critical slope and forces in the joints of a system over seconds."""
+    """Errors of frequencies, growth rates, critical slope and forces in the joints of a system, over seconds."""
     rows = [row for row in found.rows if row.sound and row.size < found.full.size]
     kinds = [kind for kind in SYSTEM[:4] if any(np.isfinite(getattr(row, kind)) for row in found.rows)]
     about = ["not shown: models of full size, and those with a mode missing or added in the band"]
@@ -60,7 +60,7 @@ def errors_chart(found: Study, title: str, name: str) -> Chart:
 
 
 def friction_errors_chart(found: Study, title: str, name: str) -> Chart:
-    """The errors of eigenvalues, growth rates and critical μ over the seconds at one μ; those of a system under friction."""
+    """For a system under friction: errors of eigenvalues, growth rates and critical μ, over the seconds at one μ."""
     kinds = [kind for kind in FRICTION if any(np.isfinite(getattr(row, kind)) for row in found.rows)] or ["error_eigenvalue"]
     full = Level(found.full.solution.median, "full model, one μ")
     panels = [_panel(found, found.rows, kind, full, "largest error over |λ|, or over μ  [-]") for kind in kinds]
@@ -85,7 +85,7 @@ def size_chart(found: Study, title: str) -> Chart:
 
 
 def _title(found: Study, kind: str) -> str:
-    """What an error is that of."""
+    """The quantity of which `kind` is the error, in words."""
     return NAMES.get(kind, f"critical {found.symbol or 'slope'}")
 
 
@@ -100,7 +100,7 @@ def _chart(name: str, studies: Sequence[Study], title: str, panels: Sequence[Pan
 
 
 def _panels(found: Study, rows: Sequence[Row], kinds: Sequence[str], drawn: Sequence[str], place: str) -> list[Panel]:
-    """A panel for each error that is known; those that are not drawn are on the page alone."""
+    """A panel for each known error; errors that are not in `drawn` are only on the page."""
     full = Level(found.full.solution.median, f"full model, {found.full.size} DOF")
     panels = [replace(_panel(found, rows, kind, full, "relative error  [-]"), where="" if kind in drawn else "page")
               for kind in kinds if kind in drawn or any(np.isfinite(getattr(row, kind)) for row in rows)]
@@ -117,7 +117,7 @@ def _panel(found: Study, rows: Sequence[Row], kind: str, full: Level, y: str) ->
             ("DOF", "size"), ("modes", "modes"), ("error", kind))}
         hover |= {"s to solve": list(solve[:, 0]), "s to reduce": list(whole[:, 0] - solve[:, 0])}
         hover |= {word: [getattr(row, word) for row in own] for word in ("missing", "extra", "missed", "invented")}
-        # dotted bars between the marks of a model, and others from the least to the most seconds
+        # dotted bars between the two marks of a model, and solid bars from the least to the most seconds of each
         bars = [(solve[:, 0], whole[:, 0], "dot", 0.8),
                 *((one[:, 1], one[:, 2], "solid", 1.6) for one in (solve, whole) if (one[:, 1] < one[:, 2]).any())]
         for low, high, line, width in bars:

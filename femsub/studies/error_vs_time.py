@@ -102,12 +102,11 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         Models take turns, so that a slow phase of the machine affects all of them.
     shared : bool
         Whether models of one method with given numbers of modes are taken from the basis of the largest (`Reductor`). A
-        convergence study then costs little more than this one reduction. The seconds to reduce are those of this basis and of
-        what is left for each model, more than a smaller one alone would cost. By default each is reduced anew, and its seconds
-        are its own.
+        convergence study then costs little more than this one reduction. The seconds to reduce a model include those of this
+        basis, so they are more than a smaller model alone would take. By default each model is reduced anew.
     held : bool
-        Whether undamped frequencies are compared with the interface held at rest as well: what a model is worth in a mount. This
-        solves the full model once more.
+        Whether undamped frequencies are compared with the interface held at rest as well, as in a mount. This solves the full
+        model once more.
     critical : sequence of float, optional
         The critical values of the full model and of each reduced one, if they are known already.
     at : array_like, optional
@@ -121,10 +120,9 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     Returns
     -------
     Study
-        The times of the full model are those of the eigensolver alone. If an independent count confirms the number of its
-        eigenvalues in the band (up to 2,000 DOF), this is done once and not timed. A method that cannot reduce the model is in
-        ``.left_out`` with the reason. Without an interface several methods make the same model, and one of them is compared:
-        ``.left_out`` names the others.
+        The times of the full model are those of the eigensolver alone. The independent count of its eigenvalues in the band (up
+        to 2,000 DOF) is done once and not timed. A method that cannot reduce the model is in ``.left_out`` with the reason.
+        Without an interface several methods give the same model. Only one of them is compared; ``.left_out`` names the others.
 
     Raises
     ------
@@ -155,14 +153,15 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
     parameter = ("slope" if belt is not None else "") if parameter is None else word("parameter", parameter)
     between = None if between is None else interval("between", between)
     if not parameter and (values or between):
-        raise InputError("values and between are those of a parameter of the contacts: name it, e.g. parameter='mu'")
+        raise InputError("values and between need a parameter of the contacts: name it, e.g. parameter='mu'")
     if parameter and not any(hasattr(contact, parameter) for contact in given):
         raise unknown_name("parameter", parameter, sorted({name for contact in given for name in vars(contact)}))
     if parameter == "slope" and belt is not None and between is not None:
         raise InputError("the critical slope of a belt is the largest one up to 0: leave between out")
     known = None if critical is None else real_array("critical", critical, finite=False).ravel()
     if known is not None and len(known) != len(asked_for) + 1:
-        raise InputError(f"critical must be {len(asked_for) + 1}, of the full model and of each method, not {len(known)}")
+        raise InputError(f"critical must have {len(asked_for) + 1} values, of the full model and of each method, not "
+                         f"{len(known)}")
     say = listener("progress", progress)
     asked = Comparison(model, given, band, parameter, values, between)
     # the full and the reduced models, solved several times in turn, and why other methods are left out
@@ -177,13 +176,13 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
             say(f"{model.name}: run {turn + 1} of {repeats}, {in_words(one.steps)}")
             try:
                 with warnings.catch_warnings(), timed() as spent:
-                    warnings.simplefilter("ignore", PortWarning)  # the port error is in the row
+                    warnings.simplefilter("ignore", PortWarning)  # the row has the port error
                     one.model, seconds = _clocked(reduced_by, model, one.steps, given, ports, None, bases)
                 one.phases.append(spent | {"basis": seconds - sum(spent.values()) + (bases.lent if bases else 0.0)})
             except FemsubError as error:
                 refused.append((one.steps, error))
                 small.remove(one)
-        # without an interface several methods keep the same shapes: models that others are already are left out
+        # without an interface several methods keep the same shapes: a model that equals an earlier one is left out
         for one in list(small) if not turn and not len(model.interface) else ():
             for other in small[:small.index(one)]:
                 if key_of(other.steps) != key_of(one.steps) and twins(other.model, one.model):
@@ -197,7 +196,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
         found = _solved(full, asked.loads, band)
         full.spectra = full.spectra or found
         for one in small:  # for a small dense model the whole spectrum costs no more than the band
-            for _ in range(3 if len(asked.loads) == 1 else 1):  # as `study` says; waking BLAS threads may cost as much as one
+            for _ in range(3 if len(asked.loads) == 1 else 1):  # see `repeats`; the start of BLAS threads may take as long as one
                 one.spectra = _solved(one, asked.loads, None if one.model.size <= WIDE else band)
     # errors against the full model
     say(f"{model.name}: undamped frequencies")
@@ -225,7 +224,7 @@ def study(model: Substructure, methods: Sequence[Steps], band: tuple[float, floa
 
 @dataclass(eq=False)
 class Tried:
-    """A model of the study: its steps of reduction (none for the full one), spectra at each value, and seconds of each run."""
+    """A model of the study, its steps of reduction (none for the full one), its spectra at each value, and its run times."""
 
     model: Substructure
     steps: tuple[Step, ...] = ()
@@ -236,7 +235,7 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What is compared: the full model under contacts, at each value of a parameter and over its range, in a band."""
+    """The terms of the comparison: full model, contacts, band, parameter, its values and its range."""
 
     model: Substructure
     contacts: Sequence[Contact]
@@ -263,10 +262,13 @@ class Comparison:
         return model if pencil.K is model.pencil.K else Substructure(model.M, (pencil.K + pencil.K.T) / 2, name=model.name)
 
     def row(self, full: Tried, one: Tried, modes: NormalModes, rates: Sequence[Array]) -> Row:
-        """The row of a model, without its first loss. `modes` are those of the full model at rest, `rates` the scales of Re λ."""
+        """The row of a model, without its first loss.
+
+        `modes` are the undamped modes of the full model, see `at_rest`; `rates` are the scales of errors of Re λ.
+        """
         model, reduced, pairs = one.model, one is not full, list(zip(full.spectra, one.spectra, strict=True))
         found = [spectrum_errors(*pair, (full.model, model), scale, self.band) for pair, scale in zip(pairs, rates, strict=True)]
-        growth, votes = -np.inf, []  # the largest Re λ in the band and below the cut-off, and whether the modes there are stable
+        growth, votes = -np.inf, []  # largest Re λ, and stable or not, of the modes in the band and below the cut-off
         for spectrum in one.spectra:
             keep = np.flatnonzero(~spectrum.rigid & ~spectrum.above_cutoff & in_band(spectrum.eigenvalues, self.band))
             growth = float(spectrum.eigenvalues.real[keep].max(initial=growth))
@@ -294,9 +296,9 @@ class Comparison:
             phases={name: Timing.of([seconds.get(name, 0.0) for seconds in one.phases]) for name in PHASES} if reduced else {})
 
     def held_errors(self, models: Sequence[Substructure]) -> list[float]:
-        """The largest error of a frequency in the band, of the full model (0) and each of these, with interfaces at rest.
+        """The largest error of a frequency in the band with the interface at rest: 0 for the full model, then one per model.
 
-        NaN where nothing moves then, or the contacts' stiffness acts, which may be that of the interface.
+        All are NaN if the contacts have a stiffness, since it may act on the interface.
         """
         if self.at_rest(self.model) is not self.model:
             return [np.nan] * (1 + len(models))
@@ -304,14 +306,14 @@ class Comparison:
         return [0.0, *(held_error(own, held_frequencies(model)) for model in models)]
 
     def response_errors(self, models: Sequence[Substructure], at: Any) -> list[float]:
-        """Bounds of the errors of receptances, relative to the largest |h| of the entry: 0 of the full model, and of these."""
+        """Bounds of the errors of receptances, relative to the entry's largest |h|: 0 for the full model, then one per model."""
         exact = frequency_response(self.model, self.contacts, at=at, loads=self.places)
         size = np.abs(exact.receptance).max(axis=0)
         errors = [frequency_response(model, self.contacts, at=at, loads=self.places).error(exact).max(axis=0) for model in models]
         return [0.0, *(float((error / np.where(size > 0, size, 1.0)).max()) for error in errors)]
 
     def losses(self, models: Sequence[Substructure], rows: Sequence[Row], say: Progress) -> list[Loss]:
-        """The first loss of each model. Over a range, that of a large model is sought near that of the most accurate one."""
+        """The first loss of each model. Over a range, the full model's is sought near that of the most accurate reduced one."""
         if self.between is None and (self.parameter != "slope" or first_belt(self.contacts) is None):
             return [Loss()] * len(models)
         say(f"{self.model.name}: critical {self.parameter}")
@@ -324,14 +326,14 @@ class Comparison:
 
 
 def _left_out(refused: Sequence[tuple[tuple[Step, ...], FemsubError]], small: Sequence[Tried]) -> list[str]:
-    """'Craig-Bampton is left out: ...', with its numbers of modes if others of them are there."""
+    """'Craig-Bampton is left out: ...'; with its number of modes if models of this method with other numbers are kept."""
     there = {step_name(one.steps) for one in small}
     return list(dict.fromkeys(f"{in_words(steps) if step_name(steps) in there else step_name(steps)} is left out: {error}"
                               for steps, error in refused))
 
 
 def _solved(one: Tried, loads: Sequence[Any], band: tuple[float, float] | None) -> list[ComplexModes]:
-    """The complex modes under all loads; their seconds are added."""
+    """The complex modes under each of the loads. The seconds are appended to `one.solving`."""
     found = []
     for load in loads:
         modes, seconds = _clocked(beside_the_full, one.model, load, band=band, evidence=False)
@@ -347,7 +349,7 @@ def _largest(values: Iterable[float]) -> float:
 
 
 def _clocked(call: Callable[..., Any], model: Substructure, *arguments: Any, **options: Any) -> tuple[Any, float]:
-    """The result of a call on a model, and its seconds without any factor made before."""
+    """The result of a call on a model, and its seconds. Factors from earlier calls are released first."""
     _released(model)
     start = time.perf_counter()
     result = call(model, *arguments, **options)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 BRIEF = ("method", "size", "error_growth", "missed", "missing", "error_critical", "error_force", "error_held", "error_response",
          "reduction_median_s", "solution_median_s")  # columns of the short table
-PHASES = ("factorisation", "basis", "certificate", "projection")  # of a reduction
+PHASES = ("factorisation", "basis", "certificate", "projection")  # phases of a reduction
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Timing:
 
 @dataclass(frozen=True)
 class Row:
-    """One model of a study; errors are relative to the full model, over the band, and the largest at all values of the parameter.
+    """One model of a study. Errors are relative to the full model: the largest in the band, at all values of the parameter.
 
     Attributes
     ----------
@@ -47,20 +47,20 @@ class Row:
         max |λ_reduced - λ_full| / |λ_full| over matched pairs.
     error_growth : float
         max |Re λ_reduced - Re λ_full| over the same pairs, relative to the sum of the rates at which the full model's damping
-        dissipates energy and the belt supplies it (`matching.turnover`). An error relative to Re λ itself would be unbounded
+        dissipates energy and the belt supplies it (`turnover`). An error relative to Re λ itself would be unbounded
         at the stability border. Without a belt it is relative to |Re λ_full|.
     error_critical : float
         |p_reduced - p_full| / |p_full| of the critical value; NaN if there is none (see `reason`).
     missing : int
         Eigenvalues of the full model in the band without a counterpart within half of |λ|. The errors do not include them.
     critical : float
-        The value of the parameter at which stability is first lost: of a belt's slope -inf, of any other inf if it never is.
+        The value of the parameter at which stability is first lost. If it never is: -inf for a belt's slope, inf for others.
     growth : float
         The largest Re λ in the band and below the cut-off.
     reduction, solution : Timing
         Seconds to reduce, and to compute the complex modes in the band at one value of the parameter.
     port_error : float
-        Static error at the contacts' ports in the energy norm.
+        Error of the static response at the contacts' ports, in the energy norm.
     cutoff : float
         Modes above this frequency must not decide about stability (inf for a complete basis and for the full model).
     extra : int
@@ -75,9 +75,9 @@ class Row:
     memory : float
         MB of the model's matrices (M, D, K and V).
     pareto : bool
-        No other reduced model is both as fast and as accurate (error_growth). One is faster than another if its slowest run
-        (reduction and solution) is a quarter faster than the other's fastest run. Otherwise, and where models were reduced only
-        once, the one with fewer DOF counts as faster, since differences of milliseconds are noise.
+        No other reduced model is both as fast and as accurate (error_growth). A model is faster than another if even its slowest
+        run (reduction and solution) beats the other's fastest run by 25 %. If not, or if models were reduced only once, the model
+        with fewer DOF counts as faster, since differences of milliseconds are noise.
     stable : bool or None
         The verdict in the band: True, False at some value, or None if the error bars leave it undecided.
     reason : str
@@ -90,14 +90,14 @@ class Row:
     error_real : float
         max |Re λ_reduced - Re λ_full| / |λ_full|.
     missed, invented : int
-        Modes in the band that grow in the full model alone, and in this one alone, at all values of the parameter.
+        Modes in the band that grow only in the full model, and only in this one, at all values of the parameter.
     omega : float
         The frequency of the first loss.
     error_held : float
-        max |Δω| / ω with the interface held at rest in both models; inf if the reduced one lacks a mode of the band, NaN where
-        this was not asked for or is not known.
+        max |Δω| / ω with the interface held at rest in both models; inf if the reduced one lacks a mode of the band, NaN if this
+        was not asked for or is not known.
     error_response : float
-        A bound of max |Δh| over the frequencies asked for, relative to the largest |h| of that entry of the receptance; NaN where
+        A bound of max |Δh| over the frequencies asked for, relative to the largest |h| of that entry of the receptance; NaN if
         this was not asked for.
     """
 
@@ -138,7 +138,7 @@ class Row:
 
     @property
     def named(self) -> str:
-        """'Rubin with 4 modes (9 DOF)'; of a system 'with 4 modes in each part (20 DOF in total)', or 'in disc, 2 in pad'."""
+        """'Rubin with 4 modes (9 DOF)'; for a system 'with 4 modes in each part (20 DOF in total)', or 'in disc, 2 in pad'."""
         if not self.parts:
             return f"{self.label} with {_modes(self.modes)} ({self.size} DOF)"
         counts = list(self.parts.values())
@@ -152,9 +152,9 @@ class Row:
         return Timing(*(a + b for a, b in zip(astuple(self.reduction), astuple(self.solution), strict=True)))
 
     def quicker(self, other: Row) -> bool:
-        """Whether its slowest run (reduction and solution) is a quarter faster than the other's fastest.
+        """Whether even its slowest run (reduction and solution) beats the other's fastest run by 25 %.
 
-        Never if one of the two was reduced only once: nobody knows the spread of one run.
+        False if one of the two was reduced only once, since the spread of a single run is unknown.
         """
         if any(row.reduction.most == row.reduction.least for row in (self, other)):
             return False
@@ -187,7 +187,7 @@ class Study(Displayed):
     Attributes
     ----------
     band, repeats, parameter, values, between
-        As they were asked for; `parameter` is '' if there is none.
+        The arguments of `study`; `parameter` is '' if there is none.
     full, rows : Row, tuple of Row
     assembly : float
         Seconds for building the full model, if known.
@@ -200,7 +200,7 @@ class Study(Displayed):
     interface : int
         The number of interface DOF.
     steps : tuple
-        How each of `models` was reduced.
+        The steps of reduction of each of `models`.
 
     Examples
     --------
@@ -248,36 +248,36 @@ class Study(Displayed):
     def recommended(self, tol: float = 1e-3, held: bool = False) -> Row | None:
         """The smallest reduced model that may replace the full one, or None; with `held` also where its interface is held.
 
-        It has fewer DOF than the full model. Over a range of the parameter it misses no unstable mode, and error_critical is
-        within the tol. Without a range error_growth is, or error_frequency where nothing is damped; no eigenvalue is missing and
-        none is spurious in the band; and the whole band is below the cut-off. Of these models the one with the fewest DOF is
-        taken: it is solved fastest, and the choice does not depend on timing noise. Among models of equal size the one with the
-        smallest error is taken, unless its fastest run is slower than the slowest run of another one by a quarter. With `held`,
-        error_held is within the tol, too.
+        It has fewer DOF than the full model. Over a range of the parameter, it misses no unstable mode, and error_critical is at
+        most `tol`. Without a range, error_growth (error_frequency if nothing is damped) is at most `tol`, no eigenvalue in the
+        band is missing or spurious, and the whole band is below the cut-off. With `held`, error_held is at most `tol` too.
+
+        Of these models, the smallest is chosen: it is solved fastest, and the choice does not depend on timing noise. Of models
+        of equal size, the most accurate one is chosen, unless even the slowest run of another one is faster by 25 %.
         """
         positive_number("tol", tol)
         return self._best([row for row in self.rows if not held or row.error_held <= tol], tol)
 
     def _best(self, rows: Iterable[Row], tol: float) -> Row | None:
-        """The one of these that is recommended."""
+        """The recommended one of these rows, or None."""
         fit = [row for row in rows if row.size < self.full.size and self._error(row) <= tol and self._sound(row)]
         least = min((row.size for row in fit), default=0)
         fit = [row for row in fit if row.size == least]
         return min((row for row in fit if not any(other.quicker(row) for other in fit)), key=self._error, default=None)
 
     def _error(self, row: Row) -> float:
-        """The error that decides."""
+        """The decisive error of a row."""
         return float(getattr(row, self.decisive))
 
     @property
     def decisive(self) -> str:
-        """The error that decides: that of growth rates, over a range of the critical value, without damping of frequencies."""
+        """The key of the error that decides: of growth rates; over a range, of the critical value; undamped, of frequencies."""
         if self.between is not None:
             return "error_critical"
         return "error_growth" if any(row.error_growth != 0 for row in self.rows) else "error_frequency"
 
     def _sound(self, row: Row) -> bool:
-        """Whether a model is not wrong about modes, whatever its error."""
+        """Whether a model has no wrong modes, whatever its error: none is missing or extra, or over a range none is missed."""
         return row.sound and row.cutoff >= self.band[1] if self.between is None else not row.missed
 
     @property
@@ -299,13 +299,13 @@ class Study(Displayed):
         return f"for {where} no smaller model is accurate enough{nearest}. Keep more modes, or lower the band"
 
     def worth(self, row: Row) -> list[str]:
-        """What a model is worth beside its error: run time, forces in the joints, modes that grow, stability."""
+        """Sentences on a model's run time, forces in the joints, modes that grow, and stability."""
         small, large = row.solution.median, self.full.solution.median
         faster = large / small if small > 0 else np.inf
         ratio = f"{float(f'{faster if faster >= 1 else 1 / faster:.2g}'):g} times {'faster' if faster >= 1 else 'slower'}"
         said = [f"it takes {seconds(row.reduction.median)} to reduce and {seconds(small)} to solve, {ratio} than the full model"]
         if not np.isnan(row.error_force):
-            # forces that are off by more than a tenth decide no design
+            # forces with an error above 10 % are of no use for a design
             within = "are within" if row.error_force <= 0.1 else "are not to be trusted, they are off by up to"
             said.append(f"the forces in the joints {within} {100 * row.error_force:.2g} %")
         if self.between is not None:
@@ -322,21 +322,21 @@ class Study(Displayed):
         return said
 
     def advice(self, tol: float = 1e-3, where: str = "") -> Advice:
-        """What a study recommends, and what makes that model fit, figure by figure."""
+        """The recommendation of a study, and the figures that decide it."""
         row = self.recommended(tol)
         at = ", ".join(f"{value:g}" for value in self.values)
         choice = Advice(unchecked=[f"The full model was solved at {self.symbol} = {at} alone."] if at else (), where=where,
                         sentence=self.recommendation(tol), full=self.full.size, band=self.band, brief=self.brief(tol))
         if row is None:
             return choice
-        # for what the recommendation holds, and what it is worth with the interface held at rest
+        # the condition under which the recommendation holds, and errors with the interface held at rest
         free = "the interface is free, as in this run."
         off = "Held at rest, this model " + ("lacks a mode of the band" if math.isinf(row.error_held) else
                                              f"has frequencies that are off by {row.error_held:.1e}")
         if self.between:
             holds = f"{self.symbol} lies between {self.between[0]:g} and {self.between[1]:g}."
         elif not self.interface:
-            holds = "the model has no interface. Nothing is known of it joined to others."
+            holds = "the model has no interface. Its accuracy when joined to others is unknown."
         elif math.isnan(row.error_held):
             holds = f"{free} A held interface was not compared."
         elif row.error_held <= tol:
@@ -347,7 +347,7 @@ class Study(Displayed):
             if other is not None:
                 then = f"take {other.named}, which is off by {other.error_held:.1e}"
             holds = f"{free} {off}; there {then}."
-        # what makes it fit
+        # the figures that decide
         error = {"error_growth": "the growth rates in the band are within {} of the rates of damping and friction",
                  "error_frequency": "the undamped frequencies in the band are within {}, and nothing is damped",
                  "error_critical": f"the critical {self.symbol} is within {{}} of the full model's"}[self.decisive]
@@ -365,7 +365,7 @@ class Study(Displayed):
                        decides=[*decides, *map(sentence, self.worth(row))])
 
     def brief(self, tol: float = 1e-3) -> str:
-        """The full model, and of each method the model that is recommended, or else the most accurate one; which are left out."""
+        """The short table: the full model, the recommended or else the best model of each method, and the methods left out."""
         best, rows = self.recommended(tol), [self.full]
         for own in grouped(self.rows, "method").values():
             rows.append(best if best is not None and best in own else self._best(own, tol) or min(
@@ -382,11 +382,11 @@ class Study(Displayed):
         return self.full.error_force == 0 and (self.between is None or any(row.error_force >= 0 for row in self.rows))
 
     def _columns(self) -> list[Column]:
-        """The columns of the table; `missing` and `stable` only where a model differs from the full one in them."""
+        """The columns of the table; `missing` and `stable` only if a model differs there from the full one."""
         forces, over = self._forces, bool(self.values) or self.between is not None
         apart = [] if over else [key for key in ("missing", "stable")
                                  if any(getattr(row, key) != getattr(self.full, key) for row in self.rows)]
-        # of systems the forces in the joints say more than λ, which ω and Re λ show
+        # for systems the forces in the joints replace λ, since ω and Re λ already show its error
         return [column(one) if isinstance(one, str) else one for one in (
             column("method", "  method", cell=lambda row: f"{'*' if row['pareto'] else ' '} {label(row['method'])}"), "size",
             *([] if over else ["error_frequency"]),
@@ -432,9 +432,9 @@ def reaching(rows: Sequence[Row]) -> str:
 
 
 def with_front(rows: Sequence[Row], hi: float = 0.0) -> tuple[Row, ...]:
-    """The rows with `pareto` set for those that no other row beats in time (or size) and in error.
+    """The rows; `pareto` is set in those that no other row beats in time (or size) and in error.
 
-    Only rows without missing eigenvalues and with a cut-off not below the band's upper end `hi` take part.
+    Only rows without missing or extra eigenvalues, and with a cut-off of at least `hi`, the band's upper end, are considered.
     """
     fit = [row for row in rows if row.sound and row.cutoff >= hi]
     found = []
@@ -457,5 +457,5 @@ def seconds(value: float) -> str:
     """'3.1 ms', '2.4 s'."""
     if value == 0:
         return "-"
-    digits = float(f"{value:.2g}")  # a run time has no more
+    digits = float(f"{value:.2g}")  # a run time has no more significant digits
     return f"{digits * 1e3:g} ms" if digits < 1 else f"{digits:g} s"

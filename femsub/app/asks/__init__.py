@@ -1,4 +1,4 @@
-"""What is asked of a scene. `Ask` is what all kinds share."""
+"""Asks: the analyses of a scene. `Ask` is the base class of all kinds."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
     from femsub.app.models import Models
     from femsub.app.result import Result
 
-#: models of a scene: the full one, those reduced, all, or the largest of the last method
+#: choices of models: the full one, the reduced ones, all, or the largest one of the last method
 WHICH = ("full", "reduced", "all", "best")
 
 
 @dataclass(frozen=True)
 class Ask(Kind):
-    """What all analyses have."""
+    """The base class of analyses: keys that all kinds have."""
 
-    name: str = key("", "of its tables and figures", otherwise="that of its kind")
-    band: list[float] = key([], "the frequencies that it looks at", unit="rad/time", least=0, form="[lo, hi]",
+    name: str = key("", "name of its tables and figures", otherwise="the name of its kind")
+    band: list[float] = key([], "the frequencies that it considers", unit="rad/time", least=0, form="[lo, hi]",
                             otherwise="that of the scene")
-    vary: dict[str, list[Any]] = key({}, "values of other keys, each of which is done: {\"part.chain.belt\" = [1, 2, 3]}; of "
-                                     "several keys all combinations", otherwise="none")
+    vary: dict[str, list[Any]] = key({}, "values of other keys; the analysis runs for each: {\"part.chain.belt\" = [1, 2, 3]}; "
+                                     "several keys: all combinations", otherwise="none")
     note: str = key("", "a line of text at the foot of its figures", otherwise="nothing")
 
     FAMILY: ClassVar[str] = "ask"
     alone: ClassVar[bool] = False  #: whether a scene without a part may ask it
-    NEEDS: ClassVar[tuple[str, ...]] = ()  #: of 'contact', 'belt', 'reduce', 'parts', 'place': what the scene must have
-    PENCIL: ClassVar[bool] = False  #: whether it can be asked of a pencil of matrices
-    NONLINEAR: ClassVar[bool] = False  #: whether contacts must have their law, not a slope alone
+    NEEDS: ClassVar[tuple[str, ...]] = ()  #: what the scene must have: some of 'contact', 'belt', 'reduce', 'parts'
+    PENCIL: ClassVar[bool] = False  #: whether it accepts a pencil of matrices
+    NONLINEAR: ClassVar[bool] = False  #: whether contacts must have a nonlinear law, not only a slope
 
     @property
     def title(self) -> str:
@@ -44,16 +44,16 @@ class Ask(Kind):
 
     @property
     def varying(self) -> list[str]:
-        """The names of the keys that have several values, for tables."""
+        """The names of the varied keys that have several values, for tables."""
         return [path.rpartition(".")[2] for path, values in self.vary.items() if len(values) > 1]
 
     def check(self, scene: Scene) -> None:
-        """Refuses what cannot be, before anything is computed.
+        """Refuses an ask that its scene does not allow, before anything is computed.
 
         Raises
         ------
         InputError
-            What the scene lacks, or does not go with.
+            The scene lacks something that the ask needs, or has something that it cannot treat.
         """
         pencil = [name for name, part in scene.parts.items() if type(part).KIND == "affine"]
         if pencil and not self.PENCIL:
@@ -75,15 +75,15 @@ class Ask(Kind):
                 raise InputError(f"contact {name}: {error}") from None
 
     def parts_named(self) -> Iterable[str]:
-        """Parts that it names, so that they need not be joined to others."""
+        """Parts that it names. They need not be joined to others."""
         return ()
 
     def run(self, models: Models) -> Result:
-        """What was found."""
+        """Runs the analysis, and returns its result."""
         raise NotImplementedError
 
     def variants(self, models: Models) -> Iterator[tuple[dict[str, Any], Models]]:
-        """The models with each combination of `vary`, by what a table shows of it."""
+        """(values for tables, models) for each combination of the values in `vary`."""
         paths = list(self.vary)
         for values in product(*self.vary.values()):
             if not paths:
@@ -96,7 +96,7 @@ class Ask(Kind):
 
 @dataclass(frozen=True)
 class AskAt(Ask):
-    """What analyses at values of parameters have."""
+    """The base class of analyses at given values of parameters."""
 
     at: dict[str, float] = key({}, "values of parameters: {mu = 0.4}", otherwise="as they are given")
 
@@ -107,12 +107,12 @@ class AskAt(Ask):
 
 
 def shown(value: Any) -> Any:
-    """A value of `vary` in a table."""
+    """A value of `vary` as a table shows it."""
     return "{" + ", ".join(str(one) for one in value) + "}" if isinstance(value, list) else value  # `map` is a kind here
 
 
 def check_place(scene: Scene, place: str) -> None:
-    """Refuses a place 'part.port' that is not there."""
+    """Refuses a place 'part.port' that does not exist."""
     name, _, port = place.partition(".")
     if name not in scene.parts:
         raise unknown_name("part", name, scene.parts)
@@ -120,12 +120,12 @@ def check_place(scene: Scene, place: str) -> None:
 
 
 def parameter_of(scene: Scene, name: str) -> None:
-    """Refuses a parameter that nothing has.
+    """Refuses an unknown parameter.
 
     Raises
     ------
     InputError
-        Neither contacts nor matrices have it, and no [parameter] says what it is.
+        Neither contacts nor factors of matrices have it, and no [parameter.NAME] says what it changes.
     """
     given = scene.parameters.get(name)
     if given is not None and given.acts:
@@ -139,12 +139,12 @@ def parameter_of(scene: Scene, name: str) -> None:
 
 
 def range_of(scene: Scene, name: str, between: list[float]) -> tuple[float, float]:
-    """The range of a parameter: that of the ask, or of [parameter.NAME].
+    """The range of a parameter, from the ask or else from [parameter.NAME].
 
     Raises
     ------
     InputError
-        Neither has one; a contact cannot have these values.
+        Neither gives a range, or a contact does not admit these values.
     """
     if between:
         check_bounds(scene, name, between)
@@ -163,20 +163,20 @@ def check_bounds(scene: Scene, name: str, values: Iterable[float]) -> None:
 
 
 def check_factors(scene: Scene, ask: Ask, name: str, between: tuple[float, float]) -> None:
-    """Refuses factors of matrices that have no value somewhere in the range of a parameter.
+    """Refuses factors of matrices that are undefined somewhere in the range of a parameter.
 
     Raises
     ------
     InputError
-        The factor, and the place; another parameter without a value; no factor changes.
+        A factor is undefined (the message says which, and where); another parameter has no value; no factor changes.
     """
     values = {other: one.value for other, one in scene.parameters.items() if one.value is not None and other != name}
-    later = {path.split(".")[1] for path in ask.vary if path.startswith("parameter.")}  # of which the variants have values
+    later = {path.split(".")[1] for path in ask.vary if path.startswith("parameter.")}  # parameters whose values vary gives
     for part in scene.parts.values():
         if hasattr(part, "check_over") and not later & set(part.names) - set(values):
             part.check_over(name, between, values)
 
 
 def rowed(values: Mapping[str, Any], rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows with what varies in front."""
+    """The rows, each with the varied values in front."""
     return [{**values, **row} for row in rows]

@@ -1,4 +1,4 @@
-"""The audit of a reduced model: of the scene's own, of superelements, or of anybody's matrices from files."""
+"""The audit of reduced models: the scene's own, superelements, or matrices from files of any program."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ EXAMPLE, PARTS = "example", "parts"
 
 @dataclass(frozen=True)
 class AuditAsk(Ask):
-    """What is right, wrong, and cannot be known of reduced models."""
+    """Checks of reduced models: which properties hold, which do not, and which cannot be known."""
 
     audit: str | ModelFiles = key(PARTS, "'parts': each part that is a superelement, and each reduced model against the full "
-                                  "one; the files of a model; or 'example', a steel beam of which one mode is missing",
+                                  "one; the files of a model; or 'example', a steel beam whose basis lacks one mode",
                                   choices=lambda _: (PARTS, EXAMPLE))
-    full: ModelFiles = key(None, "of files: the full model", otherwise="not known", example={"M": "full-M.mtx",
-                                                                                             "K": "full-K.mtx"})
+    full: ModelFiles = key(None, "the files of the full model", otherwise="not known", example={"M": "full-M.mtx",
+                                                                                                "K": "full-K.mtx"})
     cutoff: float = key(0.0, "the cut-off: all modes below it are kept, as the author states", unit="rad/time", least=0,
-                        otherwise="what the model states")
+                        otherwise="the cut-off that the model states")
     mass: float = key(0.0, "the mass that the part should have", unit="mass", least=0, otherwise="not stated")
     floating: str = key("", "whether the part is unsupported (floats)", choices=lambda _: ("yes", "no"), otherwise="not stated",
                         example="yes")
@@ -43,7 +43,7 @@ class AuditAsk(Ask):
 
     @property
     def alone(self) -> bool:  # type: ignore[override]
-        """Whether it needs no part of the scene."""
+        """Whether the scene may be without parts."""
         return self.audit != PARTS
 
     def check(self, scene: Scene) -> None:
@@ -66,7 +66,7 @@ class AuditAsk(Ask):
         return Result({"audit": found.record()}, [found.answer, checks, *listed, *charts])
 
     def matrices(self, models: Models) -> Any:
-        """The reduced model from files: as it was written, or its matrices as they are."""
+        """The reduced model from files: a model of `write_matrices`, or a dict of its matrices."""
         own, folder = self.audit, models.scene.folder
         assert isinstance(own, ModelFiles)
         if own.model:
@@ -87,7 +87,7 @@ class AuditAsk(Ask):
         return fs.read_component(**paths, interface=self.full.interface, massless=True)
 
     def of_parts(self, models: Models, units: str) -> Result:
-        """Superelements by themselves, as they were read, and the scene's reduced models against the full one."""
+        """The audits of superelements, without a full model, and of the scene's reduced models against the full one."""
         rows, checks, masses = list[dict[str, Any]](), list[dict[str, Any]](), list[str]()
         faults, unknown = list[str](), list[str]()
         given = {models.full.name: models.full} if models.alone else models.full.parts
@@ -98,7 +98,8 @@ class AuditAsk(Ask):
             models.say(f"checking {name}")
             found = fs.audit(part, full, units=units)
             dofs, own = part.interface_dofs, part.full_dofs
-            frames = [at for at, label in enumerate(own.labels) if "@" in label] if own else []  # which the files do not say
+            # a label such as 'ux@3' is of a coordinate system that the files do not define
+            frames = [at for at, label in enumerate(own.labels) if "@" in label] if own else []
             rows.append({"part": name, "size": part.size, "interface": len(part.interface_numbers), "modes": part.modes,
                          "cutoff": part.cutoff, "recovered": len(part.V), "grids": len(np.unique(dofs.nodes)) if dofs else None,
                          "own_frame": int(np.isin(own.components, frames).sum()) if own else None, "trusted": found.trusted,
@@ -117,7 +118,7 @@ class AuditAsk(Ask):
 
 
 def example(lost: int = 3) -> tuple[Any, Any]:
-    """A steel beam reduced to twelve coordinates, of which one mode, the third, is then left out as if nothing had happened."""
+    """(reduced, full): a steel beam reduced to twelve coordinates, whose third mode is removed as if it had never been there."""
     full = fs.beam(1.0, 60, E=2.1e11, I=1.7e-9, rho=7850.0, A=2e-4, supports={"left": "clamped"}, interface=["right"], rayleigh=(
         5.0, 1e-7))
     whole = fs.reduce(full, fs.CraigBampton(10))

@@ -1,4 +1,4 @@
-"""Branches of limit cycles over a parameter, and the dots of transients."""
+"""Branches of limit cycles over a parameter, and transients as dots beside them."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 class BranchAsk(CyclesAsk):
     """Families of limit cycles over a parameter of the belt: Hopf points, stability, folds and other special points."""
 
-    branch: str = key("slope", "what varies along the branches", choices=lambda _: fs.motion.PARAMETERS, required=True,
+    branch: str = key("slope", "the parameter along the branches", choices=lambda _: fs.motion.PARAMETERS, required=True,
                       example="slope")
     between: list[float] = key([], "the parameter's range", form="[lo, hi]", otherwise="from the Hopf point of the first mode to "
                                "the scene's own value and a quarter beyond", example=[-0.06, -0.01])
-    families: int = key(4, "modes, in the order in which they become unstable, whose cycles are followed", least=1)
-    points: int = key(100, "cycles on a branch at most", least=1)
-    harmonics: int = key(250, "harmonics on a branch at most", least=1)
+    families: int = key(4, "number of modes, in the order in which they become unstable, whose cycles are followed", least=1)
+    points: int = key(100, "largest number of cycles on a branch", least=1)
+    harmonics: int = key(250, "largest number of harmonics on a branch", least=1)
     dots: int = key(4, "values of the parameter at which each reduced (or small) model is also integrated in time; of a large "
-                    "model as many cycles are sought, three at least", least=0)
-    periods: int = key(80, "periods of the slowest family over which it is integrated; amplitude and frequency are those of the "
-                       "last quarter, from a 'cycle' those of the second half", least=1)
-    dots_from: str = key("blow", "'blow': from the sliding equilibrium with a blow that moves the contact at the belt's speed; "
-                         "'cycle': from a stable cycle of its branches next to that value, with velocities raised by 5 %, and no "
-                         "dot where there is none (for models whose integration is slow)", choices=lambda _: ("blow", "cycle"))
+                    "model as many cycles are computed instead, but at least three", least=0)
+    periods: int = key(80, "length of the integration in periods of the slowest family; amplitude and frequency are taken from "
+                       "its last quarter, with 'cycle' from its second half", least=1)
+    dots_from: str = key("blow", "'blow': starts from the sliding equilibrium and a blow that moves the contact at the belt's "
+                         "speed; 'cycle': starts from the nearest stable cycle of the model's branches, with velocities raised "
+                         "by 5 %, and draws no dot without one (for slow integrations)", choices=lambda _: ("blow", "cycle"))
 
     KIND: ClassVar[str] = "branch"
-    WITHOUT: ClassVar[dict[str, str]] = {"cycles": "it is families of a branch"}
+    WITHOUT: ClassVar[dict[str, str]] = {"cycles": "for a branch this key is families"}
 
     def check(self, scene: Scene) -> None:
         super().check(scene)

@@ -1,4 +1,4 @@
-"""Cards of the modes that grow: the real modes that meet in each, and what feeds it."""
+"""Cards of the modes that grow: the real modes that couple in each, and the forces that feed it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class CardAsk(AskAt):
     """A card of each mode that grows, or of the least stable one: partner modes, and the work of each force."""
 
     card: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
-    parameter: str = key("mu", "the key of contacts that is 0 without friction")
+    parameter: str = key("mu", "the parameter of contacts whose value is 0 without friction")
 
     KIND: ClassVar[str] = "card"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)

@@ -25,20 +25,21 @@ ERRORS = ("growth", "critical", "held", "response")
 
 @dataclass(frozen=True)
 class CompareAsk(Ask):
-    """Each reduced model beside the full one: frequencies, growth rates, and run time; the smallest one that may replace it.
+    """Frequencies, growth rates and run time of each reduced model beside the full one; the smallest one that may replace it.
 
-    Times are those of models made and solved anew, in turns.
+    To measure times, each model is reduced and solved again, in turns.
     """
 
-    compare: list[str] = key(["growth", "critical", "held"], "what is compared beside frequencies: growth rates, the critical "
-                             "value of the parameter, frequencies with the interface held, receptances", choices=lambda _: ERRORS)
-    parameter: str = key("", "of which the critical value is compared", otherwise="'slope' of a belt", example="mu")
+    compare: list[str] = key(["growth", "critical", "held"], "results that are compared beside frequencies: growth rates, the "
+                             "critical value of the parameter, frequencies with the interface held, receptances",
+                             choices=lambda _: ERRORS)
+    parameter: str = key("", "the parameter whose critical value is compared", otherwise="'slope' of a belt", example="mu")
     values: list[float] = key([], "values of the parameter at which growth rates are compared",
-                              otherwise="as the contacts are given",
+                              otherwise="the values of the contacts",
                               example=[0.2, 0.4])
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]")
-    frequencies: int = key(400, "frequencies of the band at which receptances are compared", least=2, most=100_000)
-    listed: int = key(0, "natural frequencies that are printed, of the full and the recommended model", least=0)
+    frequencies: int = key(400, "number of frequencies of the band at which receptances are compared", least=2, most=100_000)
+    listed: int = key(0, "number of natural frequencies printed, of the full and the recommended model", least=0)
 
     KIND: ClassVar[str] = "compare"
     NEEDS: ClassVar[tuple[str, ...]] = ("reduce",)
@@ -83,7 +84,7 @@ class CompareAsk(Ask):
         return Result({"compare": data}, shown)
 
     def study(self, models: Models) -> fs.Study:
-        """The comparison of one full model with those reduced from it; what it has solved is there for other asks."""
+        """The comparison of a full model with its reduced models. The store keeps models and spectra for other asks."""
         keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
         made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
         over: dict[str, Any] = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter,
@@ -100,7 +101,7 @@ class CompareAsk(Ask):
                          critical=critical, values=self.values, progress=models.say, **over)
         for own, model in zip(found.steps, found.models, strict=True):
             key, count, _ = next(one for one in made if tuple(one[2]) == tuple(own))
-            if len(own) == 1:  # of several steps the models between are not known
+            if len(own) == 1:  # for several steps the study does not return the models between them
                 place = "reduced", models._key, repr(tuple(own)), keys.ports, repr(contacts) if isinstance(
                     own[0], fs.ContactModes) else ""
                 models.scene.store.setdefault(place, Known(key, count, model, [models.full], tuple(own)))
@@ -111,14 +112,14 @@ class CompareAsk(Ask):
         return found
 
     def charts(self, models: Models, made: list[tuple[str, fs.Study]]) -> list[Any]:
-        """The errors over the seconds: those of a part by itself in one figure."""
+        """Charts of errors over run time; for a part by itself, one chart has all its variants."""
         if models.alone and not self.over:
             return [error_time_chart(made)]
         return [study_chart(found, f"{models.scene.name} {words}".strip(), "-".join(["compare", *words.split()]))
                 for words, found in made]
 
     def beside(self, models: Models, found: fs.Study) -> tuple[list[Any], list[dict[str, Any]]]:
-        """The full model's natural frequencies in the band, and those of the recommended model."""
+        """(output, rows): natural frequencies in the band, of the full and of the recommended model."""
         own = fs.normal_modes(models.full, band=found.band).elastic
         best = found.recommended(models.scene.reduce.tolerance)
         rows: list[dict[str, Any]] = [{"mode": i, "omega": omega} for i, omega in enumerate(own, start=1)]

@@ -1,4 +1,4 @@
-"""Full and reduced models in time from one state: error of the amplitude against the run time of a period."""
+"""Full and reduced models integrated in time from one state: error of the amplitude against the run time of a period."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CompareMotionAsk(MotionAsk):
-    """The largest reduced model goes from a blow to its limit cycle; from its state then all models run on side by side.
+    """The largest reduced model runs from a blow to its limit cycle. From its state then, all models are integrated and compared.
 
-    Times are in periods of the mode of that model that grows fastest. A [[ask]] motion of the same keys makes the long run once.
+    Times are in periods of the mode of that model that grows fastest. An [[ask]] motion with the same keys shares the long run.
     """
 
     motion: list[float] = field(default_factory=lambda: [0.0, 400.0])
     long: float = key(400.0, "periods of the long run", least=4)
     compare_motion: float = key(12.0, "periods of the runs side by side; amplitudes are compared over the second half", least=4)
     full_tol: float = key(3e-5, "error control of the full model (femsub.transient)", above=0)
-    points: int = key(40, "of the grid that is recorded, per period", least=8)
+    points: int = key(40, "number of recorded points per period", least=8)
     in_periods: bool = True
     models: str = "best"
 

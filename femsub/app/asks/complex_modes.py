@@ -1,4 +1,4 @@
-"""Complex modes of the full and the reduced models, which of them grow, and their shapes."""
+"""Complex modes of the full and the reduced models: which of them grow, and their shapes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from femsub import ComplexModes
     from femsub.app.models import Known, Models
 
-SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # of complex modes
+SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # attributes of complex modes
 NO_GROWTH = "no eigenvalue up to ω"
 
 
@@ -26,12 +26,12 @@ NO_GROWTH = "no eigenvalue up to ω"
 class ComplexModesAsk(AskAt):
     """Complex eigenvalue analysis: the largest Re λ of each model, the modes that grow, the shape of the least stable one.
 
-    Eigenvalues of a reduced model above its cut-off, and those of the full model beyond it, are no part of the comparison.
+    Above the cut-off of a reduced model, neither its eigenvalues nor those of the full model are compared.
     """
 
-    complex_modes: str = key("all", "of which models: 'full', 'reduced', 'all', or 'best', the largest of the last method",
+    complex_modes: str = key("all", "the models: 'full', 'reduced', 'all', or 'best', the largest of the last method",
                              choices=lambda _: WHICH)
-    every: bool = key(False, "whether all eigenvalues of small models are listed, not those in the band alone")
+    every: bool = key(False, "whether all eigenvalues of small models are listed, not only those in the band")
 
     KIND: ClassVar[str] = "complex-modes"
     PENCIL: ClassVar[bool] = True
@@ -84,7 +84,7 @@ class ComplexModesAsk(AskAt):
         return "".join(f", {name} = {value:g}" for name, value in self.at.items())
 
     def spectra(self, models: Models) -> list[tuple[Known, ComplexModes]]:
-        """The models with their modes; the full one first, unless reduced ones alone are asked for."""
+        """The chosen models with their modes, the full model first if it is chosen."""
         band = None if self.every else models.given_band if models.pencil else models.band_of(self.band)
         found = []
         for one in models.chosen(self.complex_modes):
@@ -93,7 +93,7 @@ class ComplexModesAsk(AskAt):
         return found
 
     def row(self, models: Models, one: Known, found: ComplexModes, lead: Known, exact: ComplexModes) -> dict[str, Any]:
-        """What a table shows of a model, beside the leading one."""
+        """The row of a model in the table. It is compared with `lead`, the first model, whose modes are `exact`."""
         cutoff = getattr(one.model, "cutoff", np.inf)
         top = float(exact.frequencies.max(initial=0.0)) if self.every or models.pencil else models.band_of(self.band)[1]
         limit = min(cutoff, top)
@@ -111,7 +111,7 @@ class ComplexModesAsk(AskAt):
 
     def shapes(self, models: Models, found: list[tuple[Known, ComplexModes]], at: int, data: dict[str, Any]) -> tuple[
             list[Any], dict[str, Any]]:
-        """Pictures and files of the modes that grow, or of the least stable one, of the last model that was asked for."""
+        """Output and files with shapes: the least stable mode by the last chosen model, and modes of the full one that grow."""
         scene, units = models.scene, models.scene.units
         (first, exact), (one, modes) = found[0], found[-1]
         if not len(modes):

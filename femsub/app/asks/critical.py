@@ -1,4 +1,4 @@
-"""Where stability is first lost over a parameter, of the full and the reduced models."""
+"""The first loss of stability over a parameter, of the full and the reduced models."""
 
 from __future__ import annotations
 
@@ -24,25 +24,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CriticalAsk(Ask):
-    """The first loss of stability over a parameter, and with `every` all losses and regains with their proof.
+    """The first loss of stability over a parameter; with `every`, all losses and regains, with evidence that none is missing.
 
-    'slope' of a belt is the largest dμ/dv ≤ 0 at which a mode of the band reaches the axis. It has no range.
+    The critical 'slope' of a belt is the largest dμ/dv ≤ 0 at which a mode of the band reaches the imaginary axis.
+    No range is needed for it.
     """
 
     critical: str = key("slope", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
                         required=True, example="mu")
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]; 'slope' has none",
                                example=[0.0, 0.6])
-    every: bool = key(False, "whether all losses and regains are sought, and counted, of the full model or the pencil")
-    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
-    reference: list[float] = key([], "values that are known, one for each that varies, to compare with", otherwise="none")
+    every: bool = key(False, "whether all losses and regains of the full model or the pencil are sought and counted")
+    models: str = key("all", "the models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
+    reference: list[float] = key([], "known critical values to compare with, one for each combination of vary", otherwise="none")
 
     KIND: ClassVar[str] = "critical"
     PENCIL: ClassVar[bool] = True
 
     @property
     def by_slope(self) -> bool:
-        """Whether it is the slope of a belt, up to 0."""
+        """Whether the parameter is the slope of a belt, which has no range."""
         return self.critical == "slope" and not self.between
 
     def check(self, scene: Scene) -> None:
@@ -110,11 +111,12 @@ class CriticalAsk(Ask):
         return {"slope": "dμ/dv", "mu": "μ"}.get(self.critical, self.critical)
 
     def first_of(self, models: Models) -> list[dict[str, Any]]:
-        """A row for each model: its first loss, beside that of the full one."""
+        """A row for each model: its first loss of stability, beside the full model's."""
         between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
         band, rows = models.band_of(self.band), list[dict[str, Any]]()
         chosen = models.chosen(self.models)
-        ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen  # a large one is sought near others
+        # over a range the full model is last: its search begins near the loss of the last reduced one
+        ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen
         found: dict[int, Any] = {}
         near = float("nan")
         for one in ordered:
@@ -132,7 +134,7 @@ class CriticalAsk(Ask):
         return rows
 
     def all_of(self, models: Models, one: Known) -> Any:
-        """All losses and regains of a model."""
+        """All losses and regains of stability of a model."""
         models.say(f"critical {self.critical}, all losses of {one.model.size} DOF")
         model, contacts = models.over(one, [self.critical])
         between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
@@ -140,7 +142,7 @@ class CriticalAsk(Ask):
         return fs.stability.all_losses(model, contacts, self.critical, between, band)
 
     def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
-        """What was found, and what was not excluded."""
+        """The verdict on all losses and regains, after lines on intervals in which further crossings are not excluded."""
         left = [f"{name}: further crossings are not excluded in "
                 f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found
                 in lost.items() if found.open]
@@ -155,5 +157,5 @@ class CriticalAsk(Ask):
 
 
 def never(row: Mapping[str, Any]) -> Any:
-    """'never' where stability is not lost."""
+    """The row's value; 'never' if stability is not lost, at ±inf."""
     return "never" if abs(row["value"]) == float("inf") else row["value"]

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 class CyclesAsk(Ask):
     """Limit cycles that begin from modes of the band, by harmonic balance, with their stability.
 
-    Those of a large full model start from those of a reduced one; their stability is not computed.
+    For a large full model, the iteration starts from a reduced model's cycles, and the cycles' stability is not computed.
     """
 
-    cycles: int = key(4, "modes, in the order in which they become unstable, whose cycles are sought", least=1)
+    cycles: int = key(4, "number of modes, in the order in which they become unstable, whose cycles are sought", least=1)
     near: float = key(0.05, "relative difference of frequencies up to which cycles of two models belong to one mode", above=0)
 
     KIND: ClassVar[str] = "cycles"
@@ -33,11 +33,11 @@ class CyclesAsk(Ask):
 
     @property
     def families(self) -> int:
-        """The number of modes."""
+        """The number of modes whose cycles are sought."""
         return self.cycles
 
     def largest(self, models: Models) -> dict[str, Any]:
-        """Of each method the model with the most modes, small models first: large ones start from the others' cycles."""
+        """The largest model of each method. Small models come first, since large ones start from their cycles."""
         found: dict[str, Any] = {}
         for one in models.every:
             if one.kind not in found or one.model.size >= found[one.kind].size:
@@ -45,7 +45,7 @@ class CyclesAsk(Ask):
         return fs.motion.in_turn(found)
 
     def onsets(self, models: Models) -> tuple[list[float], float]:
-        """Frequencies of the modes to follow, and F μ' at the first one's Hopf point: those of the first small model."""
+        """Frequencies of the modes to follow, and F μ' at the Hopf point of the first mode, both of the first small model."""
         first, limits = next(iter(self.largest(models).values())), models.band_of(self.band)
         if not fs.motion.small(first):
             raise InputError("no model is small enough for its modes to be listed; give [reduce]")
@@ -64,11 +64,11 @@ class CyclesAsk(Ask):
                    column("rms_error", "error of rms", ".1e"), "peak", column("sticking", form=".0%"), "is_stable", "multiplier",
                    "harmonics", "truncation", column("seconds", form=".2f"))
         at = "at the values of the scene"
-        branched = ["Branches are drawn and listed, not judged: the verdict is that of the cycles at one parameter."]
+        branched = ["Branches are drawn and listed, not judged: the verdict is about the cycles at one value of the parameter."]
         return Result({"cycles": rows}, [
             "Limit cycles; v is the speed under the belt", Table("", kept, columns, keys=3),
             Table("cycles", rows, title="Limit cycles"),
-            *["?, and no multiplier: of large models the stability of cycles is not computed"] * any(
+            *["? and no multiplier: for large models the stability of cycles is not computed"] * any(
                 row["is_stable"] is None for row in kept),
             *(f"{label(row['model'])} near ω = {row['family']:.4g}: {row['why']}" for row in rows if "why" in row),
             fs.motion.cycles_verdict(rows, at, branched if any(type(one).KIND == "branch" for one in models.scene.asks) else ())])

@@ -26,9 +26,9 @@ class FlutterAsk(Ask):
     flutter: str = key("mu", "the parameter: a key of the contacts, a name in factors of matrices, or [parameter.NAME]",
                        required=True, example="mu")
     between: list[float] = key([], "its range", form="[lo, hi]", otherwise="that of [parameter.NAME]", example=[0.0, 0.6])
-    points: int = key(29, "values at which modes are listed; the diagram has others between them where modes meet", least=2,
+    points: int = key(29, "number of values at which modes are listed; the diagram has more where modes meet", least=2,
                       most=10000)
-    models: str = key("best", "which models have lines: 'full', 'reduced', 'all', or 'best', the largest of the last method",
+    models: str = key("best", "models drawn as lines: 'full', 'reduced', 'all', or 'best', the largest of the last method",
                       choices=lambda _: WHICH)
     full: list[float] = key([], "values at which the full model is solved and drawn beside a reduced one", otherwise="none",
                             example=[0.2, 0.4])

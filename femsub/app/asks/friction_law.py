@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FrictionLawAsk(Ask):
-    """μ over the sliding speed, for several widths ε, of all laws; and the belt's own speed and slope."""
+    """μ over the sliding speed of all friction laws, for several widths ε, with the belt's own speed and slope."""
 
-    friction_law: list[float] = key([1e-1, 1e-2, 1e-3], "widths ε beside the belt's own", unit="length/time", above=0)
+    friction_law: list[float] = key([1e-1, 1e-2, 1e-3], "widths ε, in addition to the belt's own", unit="length/time", above=0)
 
     KIND: ClassVar[str] = "friction-law"
     NEEDS: ClassVar[tuple[str, ...]] = ("belt",)

@@ -1,4 +1,4 @@
-"""Growth over a parameter and over what else varies: a heat map with the borders of all models."""
+"""Growth over a parameter and over varied keys: a heat map with the stability borders of all models."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GrowthAsk(Ask):
-    """max Re λ of each model over the slope of a belt, and the critical slope, for each place or whatever else varies."""
+    """max Re λ of each model over the slope of a belt, and the critical slope, for each value of a varied key."""
 
     growth: str = key("slope", "the parameter", required=True, example="slope")
     between: list[float] = key([-0.4, -1e-3], "its range", form="[lo, hi]")
-    points: int = key(60, "values in the range, at equal ratios where the range does not hold 0", least=2, most=10000)
+    points: int = key(60, "number of values in the range, at equal ratios unless the range contains 0", least=2, most=10000)
 
     KIND: ClassVar[str] = "growth"
     NEEDS: ClassVar[tuple[str, ...]] = ("belt",)
@@ -52,7 +52,7 @@ class GrowthAsk(Ask):
                 panel = panels.setdefault((one.kind, rest), {
                     "model": one.kind, "rest": rest, "growth": np.full((len(columns), len(values)), np.nan),
                     "critical_slope": np.full(len(columns), np.nan)})
-                if band[1] <= one.model.cutoff:  # else its modes above the cut-off would have a say
+                if band[1] <= one.model.cutoff:  # else modes above the cut-off could have the largest Re λ
                     contacts = own.at({self.growth: 0.0})
                     panel["growth"][at] = fs.sweep(one.model, contacts, self.growth, values, band=band).growth
                 panel["critical_slope"][at] = fs.stability.first_loss(one.model, own.linear, self.growth, None, band).value

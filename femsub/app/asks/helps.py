@@ -1,4 +1,4 @@
-"""Which of several changes helps against a mode that grows."""
+"""Which of several changes of a model helps against a growing mode."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class HelpsAsk(AskAt):
-    """Each change by its amount, solved anew: the largest growth with it, in the order of the effect."""
+    """The largest growth rate after each change, from a new solution, in the order of the effect."""
 
     helps: dict[str, float] = key({}, "changes and their amounts: {damper = 100.0} with [parameter.damper]", required=True,
                                   example={"damper": 100.0})
-    target: float = key(0.0, "the growth that is wanted, or less; 0 is stability", unit="1/time")
+    target: float = key(0.0, "the growth rate that must not be exceeded; 0: stability", unit="1/time")
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
-    solved_in_full: int = key(1, "so many of the best changes are solved in the full model as well", least=0)
+    solved_in_full: int = key(1, "number of the best changes that are solved in the full model as well", least=0)
 
     KIND: ClassVar[str] = "helps"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MapAsk(Ask):
-    """The number of growing modes and the largest growth over two parameters, with the borders as curves.
+    """The number of growing modes and the largest growth rate over two parameters, with the borders of stability as curves.
 
-    A third parameter has a map for each of its values, which the page shows one at a time.
+    For a third parameter there is a map at each of its values; the page shows one map at a time.
     """
 
     map: list[str] = key([], "the two parameters, across and up", required=True, form="[across, up]", example=["mu", "pressure"])
-    points: list[int] = key([60, 60], "values of each", least=2, form="[across, up]")
+    points: list[int] = key([60, 60], "number of values of each parameter", least=2, form="[across, up]")
     third: dict[str, list[float]] = key({}, "a third parameter and its values: {speed = [10, 20]}", otherwise="none")
     models: str = key("best", "the model that is mapped: 'full', or 'best', the largest of the last method",
                       choices=lambda _: ("full", "best"))
-    spots: int = key(4, "points at which the full model is solved beside a reduced one", least=0)
+    spots: int = key(4, "number of points at which the full model is solved too, to check a reduced one", least=0)
 
     KIND: ClassVar[str] = "map"
     PENCIL: ClassVar[bool] = True

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MassesAsk(Ask):
-    """How much of the mass the modes of the band move when the supports are accelerated."""
+    """The share of the mass that the modes of the band move when the supports are accelerated."""
 
-    masses: list[float] = key([0.0, 0.0, 0.0], "the point that rotations are about", unit="length", form="[x, y, z]")
+    masses: list[float] = key([0.0, 0.0, 0.0], "the point about which rotations are taken", unit="length", form="[x, y, z]")
 
     KIND: ClassVar[str] = "masses"
 

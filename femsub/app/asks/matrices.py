@@ -28,7 +28,7 @@ class MatricesAsk(Ask):
     def check(self, scene: Scene) -> None:
         super().check(scene)
         if len(scene.parts) > 1:
-            raise InputError("matrices are written of a scene with one part")
+            raise InputError("matrices can be written only for a scene with one part")
 
     def run(self, models: Models) -> Result:
         files = {f"{one.kind}-{one.modes}/{file}": writer for one in models.reduced

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModesAsk(Ask):
-    """Normal modes of the full model: all in the band, or so many of the lowest ones, with the elastic ones counted."""
+    """Normal modes of the full model: all modes in the band, or a number of the lowest ones."""
 
-    modes: int | str = key("band", "how many of the lowest modes, with six more since a free body has as many rigid "
-                             "ones; or 'band': all that lie in it", choices=lambda _: ("band",))
+    modes: int | str = key("band", "number of the lowest modes; six more are computed, since a free body has six rigid ones; "
+                             "or 'band': all modes in it", choices=lambda _: ("band",))
     reference: list[float] = key([], "frequencies that another program found, to compare with", unit="rad/time", above=0,
                                  otherwise="none", example=[10.67387655, 11.10545089])
-    listed: int = key(20, "frequencies that are printed; the table that --out writes has all", least=1)
+    listed: int = key(20, "number of frequencies printed; the table that --out writes has all", least=1)
 
     KIND: ClassVar[str] = "modes"
 

@@ -1,4 +1,4 @@
-"""How many modes each part needs."""
+"""The number of modes that each part needs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModesPerPartAsk(Ask):
-    """Fixed-interface modes of each part for natural frequencies of the whole within a tolerance."""
+    """The number of fixed-interface modes of each part with which the whole's natural frequencies are within a tolerance."""
 
     modes_per_part: float = key(1e-3, "the relative error of the frequencies in the band", above=0)
 

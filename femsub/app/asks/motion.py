@@ -1,4 +1,4 @@
-"""Motion in time of the full and the reduced models: signals, spectra, growth, and criteria beside them."""
+"""Motion in time of the full and the reduced models: signals, spectra, growth rates, and criteria of quality."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ SHOW = ("growth", "quality", "signals", "spectrum", "spectrogram")
 
 @dataclass(frozen=True)
 class MotionAsk(Ask):
-    """Each model moves under its contacts from its own steady sliding and a blow on a port."""
+    """The motion of each model under its contacts, from its own steady sliding after a blow on a port."""
 
     motion: list[float] = key([], "the time, [from, to]", unit="time", form="[from, to]", required=True, example=[0.0, 500.0])
-    in_periods: bool = key(False, "whether times are counted in periods of the mode that grows fastest, of the largest model of "
-                           "the last method")
-    window: list[float] = key([], "the part whose amplitude and spectrum are shown", unit="time", form="[from, to]",
+    in_periods: bool = key(False, "whether times are in periods of the mode that grows fastest in the largest model of the last "
+                           "method")
+    window: list[float] = key([], "the time whose amplitude and spectrum are shown", unit="time", form="[from, to]",
                               otherwise="the last quarter")
-    step: float = key(0.0, "of the grid that is recorded; in periods its part of one", unit="time", least=0,
-                      otherwise="so that it has some 20,000 points, or 40 a period")
+    step: float = key(0.0, "time step of the recorded values; with in_periods a fraction of a period", unit="time", least=0,
+                      otherwise="for some 20,000 points, or 40 per period")
     impulse: float = key(1e-3, "the blow on the first port under a contact with which each model leaves its sliding equilibrium",
                          unit="force·time")
     observe: str = key("", "the place whose velocity is shown, 'part.port'", otherwise="the first port under a contact")
-    length: float = key(0.0, "of the spectrogram's window", unit="time", least=0,
-                        otherwise="a fiftieth of the time, ten periods of the strongest frequency at least")
+    length: float = key(0.0, "length of the spectrogram's window", unit="time", least=0,
+                        otherwise="a fiftieth of the time, but at least ten periods of the strongest frequency")
     tol: float = key(1e-7, "error control of the integration (femsub.transient)", above=0)
-    models: str = key("all", "of which models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
-    show: list[str] = key(["signals", "spectrum", "spectrogram"], "what is shown beside the table; growth in time beside Re λ "
-                          "and criteria of quality need all eigenvalues of each model", choices=lambda _: SHOW)
+    models: str = key("all", "the models: 'full', 'reduced', 'all' or 'best'", choices=lambda _: WHICH)
+    show: list[str] = key(["signals", "spectrum", "spectrogram"], "output beside the table; 'growth' (in time, beside Re λ) and "
+                          "'quality' (criteria) need all eigenvalues of each model", choices=lambda _: SHOW)
 
     KIND: ClassVar[str] = "motion"
     NEEDS: ClassVar[tuple[str, ...]] = ("contact",)
@@ -74,8 +74,8 @@ class MotionAsk(Ask):
                    column("complete", form="s", cell=lambda row: "yes" if row["complete"] else f"to t = {row['end']:.5g}")]
         seen = [f"{named(row['model'], row['size'])}: rms {row['rms']:.5g}, strongest at {row['peaks'][0]:.5g} rad/time."
                 for row in rows if row["rms"] is not None and len(row["peaks"])]
-        seen += [f"{named(row['model'], row['size'])} moves most above its cut-off, {row['cutoff']:.5g} rad/time. The reduction "
-                 "makes this motion; take more modes." for row in rows if row["peaks"] is not None and len(row["peaks"])
+        seen += [f"{named(row['model'], row['size'])} moves most above its cut-off, {row['cutoff']:.5g} rad/time. This motion is "
+                 "an artefact of reduction; take more modes." for row in rows if row["peaks"] is not None and len(row["peaks"])
                  and row["peaks"][0] > row["cutoff"]]
         shown: list[Any] = [
             f"Velocity at {place}, from a blow of {self.impulse:g}", Table(
@@ -93,11 +93,11 @@ class MotionAsk(Ask):
         return found
 
     def place(self, models: Models) -> str:
-        """The port that is observed, as the model names it."""
+        """The name in the model of the port that is observed."""
         return models.port(self.observe) if self.observe else models.places[0]
 
     def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], float]:
-        """A model's run, the window, and the unit of time."""
+        """(run, window, unit of time) of a model."""
         unit = self.unit(models) if self.in_periods else 1.0
         start, end = self.motion[0] * unit, self.motion[1] * unit
         step = self.step * unit or (unit / 40 if self.in_periods else (end - start) / 20_000)
@@ -123,7 +123,10 @@ class MotionAsk(Ask):
         return float(2 * np.pi / modes.eigenvalues[at].imag)
 
     def growth(self, models: Models, tracks: Sequence[Track], faint: float = 1e-6) -> Result:
-        """Growth of the most unstable mode below a model's cut-off, measured in time from `faint` of the belt's speed."""
+        """Growth rate of the most unstable mode below a model's cut-off, measured in time.
+
+        The motion starts with `faint` times the belt's speed.
+        """
         rows, speed = list[dict[str, Any]](), abs(next((item.speed for item in tracks if item.speed), 1.0))
         with Interruptible() as work:
             for one in models.chosen("reduced" if self.models == "best" else self.models):
@@ -141,7 +144,7 @@ class MotionAsk(Ask):
             "motion-growth", rows, columns, "Growth in time", 2, "no mode grows below the cut-off, or none lies above it")])
 
     def signals(self, models: Models, tracks: Sequence[Track]) -> Result:
-        """Velocities: all of the run, and the last ten periods."""
+        """Velocities over the whole run, and over its last ten periods."""
         return Result({}, [fs.motion.signals_chart(tracks)] * any(len(item.run.t) > 1 for item in tracks))
 
     def spectrum(self, models: Models, tracks: Sequence[Track]) -> Result:
@@ -153,7 +156,7 @@ class MotionAsk(Ask):
             [fs.motion.spectra_chart(known, fs.motion.highest(tracks))] if known else [])])
 
     def spectrogram(self, models: Models, tracks: Sequence[Track]) -> Result:
-        """Short-time spectra of the whole runs, on one scale."""
+        """Short-time spectra of the whole runs, with one colour scale."""
         unit = self.unit(models) if self.in_periods else 1.0
         whole_time = (self.motion[1] - self.motion[0]) * unit
         lowest = min((item.peaks[0] for item in tracks if len(item.peaks)), default=np.inf)
@@ -165,9 +168,10 @@ class MotionAsk(Ask):
               if made else [])])
 
     def quality(self, models: Models, tracks: Sequence[Track]) -> Result:
-        """Criteria from linear data for each reduced model, beside the error of its strongest frequency and of its rms.
+        """Criteria from linear data for each reduced model, beside the errors of its strongest frequency and of its rms.
 
-        One trajectory of each: where motions coexist it may have ended in another of them, see docs/guide/motion.md.
+        These errors are from one trajectory per model. If several motions coexist, models may have reached different ones, see
+        docs/guide/motion.md.
         """
         known = [item for item in tracks if len(item.peaks)]
         if not known or known[0].kind != "full":

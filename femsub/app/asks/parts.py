@@ -1,4 +1,4 @@
-"""The parts in colours."""
+"""A picture of the parts, each in its own colour."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class PartsAsk(Ask):
     """The parts that have meshes: a table, a picture, and a VTU file with the number of the part at each node, counted from 1."""
 
-    parts: bool = key(True, "that it is asked for")
+    parts: bool = key(True, "names this analysis; the value has no effect")
 
     KIND: ClassVar[str] = "parts"
 

@@ -21,14 +21,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ResponseAsk(Ask):
-    """h(ω), the motion at a place per force at another, and a bound of each reduced model's error."""
+    """h(ω), the motion at a place per force at another place, and a bound of each reduced model's error."""
 
-    response: list[str] = key([], "the places that are driven, 'part.port'; one alone is driven and observed", required=True,
-                              example=["beam.belt"])
-    observe: list[str] = key([], "the places that are observed", otherwise="those that are driven")
-    frequencies: int = key(400, "frequencies of the band", least=2, most=100_000)
+    response: list[str] = key([], "the places of the forces, 'part.port'", required=True, example=["beam.belt"])
+    observe: list[str] = key([], "the places whose motion is observed", otherwise="the places of the forces")
+    frequencies: int = key(400, "number of frequencies in the band", least=2, most=100_000)
     loss: float = key(0.0, "loss factor of structural damping of the whole model, beside that of its parts", least=0)
-    sliding: bool = key(False, "whether the contacts act: about the sliding state, not at rest")
+    sliding: bool = key(False, "whether the contacts act: vibration about steady sliding, not about rest")
 
     KIND: ClassVar[str] = "response"
 
@@ -37,7 +36,7 @@ class ResponseAsk(Ask):
         for place in (*self.response, *self.observe):
             check_place(scene, place)
         if self.loss and len(scene.parts) > 1:
-            raise InputError("loss is that of a model of one part. Give loss in the tables of the parts")
+            raise InputError("loss is for a model of one part. Give loss in the tables of the parts")
 
     def run(self, models: Models) -> Result:
         scene, (lo, hi) = models.scene, models.band_of(self.band)

@@ -1,4 +1,4 @@
-"""The probability of instability where parameters scatter."""
+"""The probability of instability if parameters scatter."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScatterAsk(Ask):
-    """The probability that a mode grows, where parameters are uniform over their ranges, or normal with a deviation."""
+    """The probability that a mode grows if parameters have uniform distributions over their ranges, or normal ones."""
 
     scatter: list[str] = key([], "the parameters that scatter", required=True, example=["mu", "stiffness"])
-    samples: int = key(4096, "at least so many", least=16, most=10**7)
-    seed: int = key(0, "of the random numbers", least=0)
+    samples: int = key(4096, "smallest number of samples", least=16, most=10**7)
+    seed: int = key(0, "seed of the random numbers", least=0)
     models: str = key("best", "the model: 'full', or 'best', the largest of the last method", choices=lambda _: ("full", "best"))
 
     KIND: ClassVar[str] = "scatter"

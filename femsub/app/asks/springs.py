@@ -1,4 +1,4 @@
-"""What reduced models are worth where their interface is on springs, from soft to stiff."""
+"""The errors of reduced models whose interface is on springs, from soft to stiff."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SpringsAsk(Ask):
-    """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M, d_j the condensed stiffness at interface DOF j, over s."""
+    """Error of the lowest frequencies of K + s Bᵀdiag(d)B, M over s; d_j is the condensed stiffness at interface DOF j."""
 
-    springs: list[float] = key([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4], "stiffness of the springs over the part's own static "
-                               "stiffness at the interface", above=0)
-    lowest: int = key(8, "so many of the lowest elastic frequencies are compared", least=1, most=1000)
+    springs: list[float] = key([1e-4, 1e-2, 1.0, 10.0, 100.0, 1e4], "stiffness s of the springs, relative to the part's own "
+                               "static stiffness at the interface", above=0)
+    lowest: int = key(8, "number of the lowest elastic frequencies that are compared", least=1, most=1000)
 
     KIND: ClassVar[str] = "springs"
     NEEDS: ClassVar[tuple[str, ...]] = ("reduce",)

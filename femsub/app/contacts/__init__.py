@@ -1,4 +1,4 @@
-"""Contacts of a scene. `ContactKind` is what all kinds share."""
+"""Contacts of a scene. `ContactKind` is the base class of all kinds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ContactKind(LinkKind):
-    """What all kinds of contacts have: places, surfaces that they join, and the contact of the models."""
+    """The base class of contacts: the places or surfaces on which a contact acts, and the contact object of the models."""
 
     FAMILY: ClassVar[str] = "contact"
 
@@ -24,12 +24,12 @@ class ContactKind(LinkKind):
         return []
 
     def parameters(self) -> list[str]:
-        """What may change in an analysis."""
+        """The names of its parameters, which may change in an analysis."""
         return []
 
     def check_nonlinear(self) -> None:
-        """Refuses a contact that is linear alone, where motion in time is asked for."""
+        """Refuses a contact that has no nonlinear law, for analyses of nonlinear motion."""
 
     def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
-        """The contact; `port` gives the name that a place has in the model, `surfaces` are those of the model."""
+        """The contact object. `port` gives the name of a place in the model; `surfaces` are names of the model's surfaces."""
         raise NotImplementedError

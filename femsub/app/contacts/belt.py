@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BeltContactKind(ContactKind):
-    """Friction F μ(v0 - wᵀẋ) at a port: a belt of speed v0, pressed on with F. Linear analyses take its slope alone."""
+    """Friction F μ(v0 - wᵀẋ) at a port: a belt of speed v0, pressed on with F. Linear analyses use only its slope."""
 
     belt: str = key("", "the port it slides under, 'part.port'", required=True, example="chain.belt")
     force: float = key(1.0, "the normal force with which it presses", unit="force", least=0)
@@ -45,7 +45,7 @@ class BeltContactKind(ContactKind):
 
     @property
     def words(self) -> str:
-        """The friction in the first lines of what is printed."""
+        """The friction in words, for the first printed lines."""
         if self.slope is not None:
             return f"belt at {self.belt}: F = {self.force:g}, slope {self.slope:.6g}"
         slope = self.made(lambda at: at, {}, []).slope
@@ -53,6 +53,6 @@ class BeltContactKind(ContactKind):
                 f"μ' = {slope:.6g}")
 
     def check_nonlinear(self) -> None:
-        """Refuses a slope alone where motion in time is asked for."""
+        """Refuses a belt that has only a slope and no friction law."""
         if self.slope is not None:
             raise InputError("the nonlinear model needs a friction law, i.e. law, eps and speed, not a slope")

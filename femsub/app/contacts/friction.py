@@ -25,18 +25,18 @@ class FrictionContactKind(ContactKind):
     stiffness: float = key(0.0, "normal stiffness per area", unit="force/length³", above=0, required=True, example=2e11)
     mu: float = key(0.0, "coefficient of friction", least=0)
     pressure: float = key(0.0, "pressure in steady sliding, for the damping by friction", unit="force/area", least=0)
-    direction: list[float] = key([], "in which the second surface moves", form="[x, y, z]", otherwise="it turns about axis",
-                                 example=[1.0, 0.0, 0.0])
-    axis: list[float] = key([], "about which the second surface turns", form="[x, y, z]", otherwise="it moves in direction",
-                            example=[0.0, 0.0, 1.0])
+    direction: list[float] = key([], "direction in which the second surface moves", form="[x, y, z]",
+                                 otherwise="it turns about axis", example=[1.0, 0.0, 0.0])
+    axis: list[float] = key([], "axis about which the second surface turns", form="[x, y, z]",
+                            otherwise="it moves in direction", example=[0.0, 0.0, 1.0])
     centre: list[float] = key([0.0, 0.0, 0.0], "a point of the axis", unit="length", form="[x, y, z]")
     speed: float = key(0.0, "velocity along direction, or angular velocity about axis (rad/time)", least=0,
                        otherwise="without damping by friction")
     slope: float = key(0.0, "μ', the slope of μ over the sliding speed", unit="time/length")
     tolerance: float = key(0.0, "largest distance of the surfaces", unit="length", least=0,
                            otherwise="0.05 of the size of a face")
-    facing: bool = key(False, "whether the faces of the second one that lie opposite the first are all that takes part: of a "
-                       "disc's track the few under the pad")
+    facing: bool = key(False, "whether only those faces of the second surface take part that lie opposite the first, such as "
+                       "the few faces of a disc's track under the pad")
 
     KIND: ClassVar[str] = "friction"
 
@@ -59,6 +59,6 @@ class FrictionContactKind(ContactKind):
 
     @property
     def words(self) -> str:
-        """The friction in the first lines of what is printed."""
+        """The friction in words, for the first printed lines."""
         return (f"friction of {self.friction[0]} on {self.friction[1]}: μ = {self.mu:g}, stiffness {self.stiffness:g}, "
                 f"pressure {self.pressure:g}")

@@ -36,5 +36,5 @@ class LinearContactKind(ContactKind):
 
     @property
     def words(self) -> str:
-        """The contact in the first lines of what is printed."""
+        """The contact in words, for the first printed lines."""
         return f"linear contact at {', '.join(self.linear)}"

@@ -1,4 +1,4 @@
-"""Joints of a scene. `JointKind` is what all kinds share; their ends are 'part.set', 'part', 'part:0,4' or 'ground'."""
+"""Joints of a scene. `JointKind` is the base class of all kinds; ends are 'part.set', 'part', 'part:0,4' or 'ground'."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'
 
 @dataclass(frozen=True)
 class JointKind(LinkKind):
-    """What all kinds of joints have."""
+    """The base class of joints: keys that all kinds have."""
 
-    tolerance: float = key(0.0, "how far places that meet may lie apart", unit="length", least=0,
-                           otherwise="a small share of the distance of neighbours")
+    tolerance: float = key(0.0, "largest distance of places that are joined", unit="length", least=0,
+                           otherwise="a small fraction of the distance of neighbours")
 
     FAMILY: ClassVar[str] = "joint"
 

@@ -20,9 +20,9 @@ class MountJointKind(JointKind):
     """A spring and a dashpot from the mean motion of each set to the ground, along each of the directions."""
 
     mount: list[str] = key([], "the sets of solids, 'part.set'", required=True, example=["pad.back"])
-    directions: str = key("xyz", "along which they act")
-    stiffness: float = key(0.0, "of each spring", unit="force/length", least=0)
-    damping: float = key(0.0, "of each dashpot", unit="force·time/length", least=0)
+    directions: str = key("xyz", "axes along which springs and dashpots act")
+    stiffness: float = key(0.0, "stiffness of each spring", unit="force/length", least=0)
+    damping: float = key(0.0, "constant of each dashpot", unit="force·time/length", least=0)
 
     KIND: ClassVar[str] = "mount"
 

@@ -19,8 +19,8 @@ class SpringJointKind(JointKind):
     """A spring and a dashpot between each pair of DOF that meet, or at a port 'part.port'."""
 
     spring: list[str] = key([], f"the two ends: {ENDS}", required=True, form="[first, second]", example=["pad.back", "ground"])
-    stiffness: float = key(0.0, "of each", unit="force/length", least=0)
-    damping: float = key(0.0, "of each", unit="force·time/length", least=0)
+    stiffness: float = key(0.0, "stiffness of each spring", unit="force/length", least=0)
+    damping: float = key(0.0, "constant of each dashpot", unit="force·time/length", least=0)
 
     KIND: ClassVar[str] = "spring"
 

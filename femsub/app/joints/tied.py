@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TiedJointKind(JointKind):
-    """Two surfaces, glued. With `facing` the second takes part with those faces alone that lie opposite the first."""
+    """Two surfaces, glued. With `facing`, only those faces of the second surface are joined that lie opposite the first."""
 
     tied: list[str] = key([], "the surfaces, 'part.set'; the first is the smaller one", required=True, form="[first, second]",
                           example=["post.bottom", "base.top"])
-    facing: bool = key(False, "whether the faces of the second one that lie opposite the first are all that is joined")
+    facing: bool = key(False, "whether only those faces of the second surface are joined that lie opposite the first")
 
     KIND: ClassVar[str] = "tied"
 

@@ -1,4 +1,4 @@
-"""Parts of a scene: each kind makes substructures from its keys. `Part` is what all kinds share."""
+"""Parts of a scene: each kind builds substructures from its keys. `Part` is the base class of all kinds."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class MaterialKeys:
 
 
 class PartSite(NamedTuple):
-    """Where a part is made: its name, the folder of its files, all materials, and what others want of it."""
+    """Data from which a part is built, beside its keys: name, folder, materials, and needs of joints and contacts."""
 
     name: str
     folder: Path
@@ -38,12 +38,12 @@ class PartSite(NamedTuple):
     ports: Mapping[str, Any] = {}  #: ports that joints need
 
     def material(self, name: str) -> Material:
-        """One by its name.
+        """The material with this name.
 
         Raises
         ------
         InputError
-            There is none of this name.
+            No material has this name.
         """
         if name not in self.materials:
             raise unknown_name("material", name, self.materials)
@@ -53,7 +53,7 @@ class PartSite(NamedTuple):
 
 @dataclass(frozen=True)
 class Made:
-    """What a part has made: substructures by their names (several of a part that is cut), joints between them, their meshes."""
+    """The model of a part: substructures by name (several if the part is cut), joints between them, and their meshes."""
 
     parts: dict[str, Any]
     joints: Sequence[Any] = ()
@@ -62,10 +62,10 @@ class Made:
 
 @dataclass(frozen=True)
 class Part(Kind):
-    """What all kinds of parts have."""
+    """The base class of parts: keys that all kinds have."""
 
-    interface: list[int | float | str] = key([], "where it is joined, beside the sets and DOF that joints and contacts name",
-                                             otherwise="what joints and contacts name")
+    interface: list[int | float | str] = key([], "where it is joined, in addition to the sets and DOF that joints and contacts "
+                                             "name", otherwise="only these")
     ports: dict[str, Any] = key({}, "places where contacts, loads and springs act, by their names", otherwise="none")
     loss: float = key(0.0, "loss factor of the structural damping of the whole part", least=0)
 
@@ -73,11 +73,11 @@ class Part(Kind):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters of its matrices."""
+        """The names of the parameters in factors of its matrices."""
         return ()
 
     def check_port(self, name: str, port: str) -> None:
-        """Refuses a port that the part `name` does not have, as far as that is known before its files are read."""
+        """Refuses a port that the part `name` does not have, if that is known before its files are read."""
         if not self.port_names:
             raise InputError(f"{name!r} has no port {port!r}. Give it one in [part.{name}], by ports")
         if port not in self.port_names:
@@ -85,7 +85,7 @@ class Part(Kind):
 
     @property
     def port_names(self) -> list[str]:
-        """Its ports."""
+        """The names of its ports."""
         return list(self.ports)
 
     @property
@@ -95,7 +95,7 @@ class Part(Kind):
         return [given] if isinstance(given, str) else list(given.values()) if isinstance(given, Mapping) else []
 
     def needed(self, end: End) -> list[Any]:
-        """What an end of a joint or contact needs of the interface: a set, or DOF."""
+        """The sets or DOF that an end of a joint or contact adds to the interface."""
         if end.mark != "." or end.rest in self.port_names:
             return []
         with suppress(FemsubError):
@@ -103,48 +103,48 @@ class Part(Kind):
         return []
 
     def sets_named(self) -> Iterable[tuple[str, str]]:
-        """The keys that name sets of the mesh, each with the set."""
+        """(key, set) for each key that names a set of the mesh."""
         return ()
 
     def mesh(self, site: PartSite) -> Mesh | None:
-        """The mesh, which is read or made before anything is assembled; None of parts without one."""
+        """The mesh, read or built before the part is assembled; None if the part has no mesh."""
         return None
 
     def prefer(self, site: PartSite) -> list[Any]:
-        """The interface: as it is given, then what joints and contacts name."""
+        """The interface: the sets or DOF of the key `interface`, then those that joints and contacts name."""
         return list(dict.fromkeys([*self.interface, *site.interface]))
 
     def made(self, site: PartSite, mesh: Mesh | None) -> Made:
-        """The substructures."""
+        """The substructures of the part, with joints and meshes."""
         raise NotImplementedError
 
     def one(self, site: PartSite, sub: Substructure, mesh: Mesh | None = None) -> Made:
-        """A part that is one substructure."""
+        """The model of a part that is one substructure, with the structural damping of `loss`."""
         sub = fs.damped(sub, structural=self.loss) if self.loss else sub
         return Made({site.name: sub}, (), {site.name: mesh} if mesh is not None else {})
 
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
-        """A change of a constant of its material, in a group of cells; `part` names it in a system."""
+        """The change of a constant of its material, in a group of cells; `part` is the part's name in a system."""
         raise InputError(f"a part of the kind {self.KIND!r} has no material that could change")
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
-        """What `couple` takes for an end 'part.words': a set's name."""
+        """The end 'part.words' as `couple` takes it: the name of a set."""
         if sets is not None and words not in sets:
             raise unknown_name("set", words, sets)
         return words
 
     def set_of(self, words: str) -> Any:
-        """The name that an end 'part.words' has among the sets of the substructure."""
+        """The name of the substructure's set for an end 'part.words'."""
         found = self.end(words, None)
         return f"{found:g}" if isinstance(found, float) else found
 
     def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
-        """Displacements of the mesh's nodes, (nodes, 3, k), of motions u (n, k); None where they are not known."""
+        """Displacements (nodes, 3, k) of the mesh's nodes for motions u (n, k); None if there is no DOF map."""
         return None if sub.dofs is None else fs.displacements(mesh, sub.dofs, u)
 
 
 def motions(names: Iterable[Any]) -> dict[str, str]:
-    """{"inner": "xyz", "symmetry": "x"} of ["inner", "symmetry:x"]."""
+    """Set → directions: {"inner": "xyz", "symmetry": "x"} for ["inner", "symmetry:x"]."""
     pairs = (name.rpartition(":") if ":" in name else (name, ":", "xyz") for name in map(str, names))
     return {name: axes for name, _, axes in pairs}
 
@@ -158,12 +158,12 @@ RAYLEIGH: dict[str, Any] = {"unit": "1/time, time", "form": "[alpha, beta]", "ot
 
 
 def from_file(site: PartSite, name: str) -> Path:
-    """A file that a part names.
+    """The path of a file that a part names.
 
     Raises
     ------
     InputError
-        It is not there.
+        There is no such file.
     """
     path = site.folder / name
     if not path.is_file():

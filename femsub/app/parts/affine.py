@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 class Summand:
     """One matrix of a sum, and its factor."""
 
-    matrix: str | list[list[float]] = key("", "the file of the matrix, 'model.mat:DR' of one in it, or its rows", required=True,
-                                          example="K1.mtx", file=True)
-    factor: str | float = key(1.0, "what it is multiplied by: a number, or arithmetic of parameters with + - * / **, sqrt, exp, "
-                              "log, sin, cos and pi", example="mu / speed")
+    matrix: str | list[list[float]] = key("", "the file of the matrix ('model.mat:DR' for DR in a file of several), or its rows",
+                                          required=True, example="K1.mtx", file=True)
+    factor: str | float = key(1.0, "its factor: a number, or an expression of parameters with + - * / **, sqrt, exp, log, sin, "
+                              "cos and pi", example="mu / speed")
 
 
 @dataclass(frozen=True)
 class Sums:
-    """The sums. Any of the matrices may be unsymmetric."""
+    """The sums for M, D and K. Any of the matrices may be unsymmetric."""
 
-    M: list[Summand] = key([], "masses", required=True)
-    D: list[Summand] = key([], "dampings and gyroscopic terms", otherwise="none")
-    K: list[Summand] = key([], "stiffnesses and circulatory terms", required=True)
+    M: list[Summand] = key([], "mass matrices", required=True)
+    D: list[Summand] = key([], "damping and gyroscopic matrices", otherwise="none")
+    K: list[Summand] = key([], "stiffness and circulatory matrices", required=True)
     massless: bool = key(False, "whether M may leave out DOF of K")
 
 
@@ -45,32 +45,32 @@ class Sums:
 class AffinePart(Part):
     """A pencil of your own matrices with factors of parameters, such as D1 + mu/speed DR + speed DG and K1 + mu KR + speed² Kgeo.
 
-    It is no part that could be joined or reduced by itself. Its parameters have ranges and values in [parameter.NAME].
+    It can be neither joined to other parts nor reduced. [parameter.NAME] gives ranges and values of its parameters.
     """
 
     affine: Sums = key(None, "the matrices", required=True, example={"M": [{"matrix": "M.mtx"}], "K": [
         {"matrix": "K.mtx"}, {"matrix": "KR.mtx", "factor": "mu"}]})
 
     KIND: ClassVar[str] = "affine"
-    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil is neither joined nor has it "
-                                                      "places")
+    WITHOUT: ClassVar[dict[str, str]] = dict.fromkeys(("interface", "ports", "loss"), "a pencil has no places, and cannot be "
+                                                      "joined")
 
     @cached_property
     def factors(self) -> dict[str, list[Expression]]:
-        """Those of the matrices of M, D and K."""
+        """The factors of the matrices in the sums M, D and K."""
         sums = {name: enumerate(getattr(self.affine, name), 1) for name in "MDK"}
         return {name: [Expression(str(one.factor), f"{name}[{i}]") for i, one in terms] for name, terms in sums.items()}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """All parameters, in the order in which they come."""
+        """All parameters, in order of appearance."""
         return tuple(dict.fromkeys(name for terms in self.factors.values() for one in terms for name in one.names))
 
     def __post_init__(self) -> None:
         _ = self.names  # a factor that is no expression is refused here
 
     def check_over(self, free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
-        """Refuses a range of a parameter in which a factor has no value somewhere, and other parameters without values."""
+        """Refuses a range of the parameter `free` in which a factor is undefined, and other parameters without values."""
         for name in self.names:
             if name != free and name not in values:
                 raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
@@ -80,13 +80,13 @@ class AffinePart(Part):
         return Made({site.name: self.family(site, self.names, {})})
 
     def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
-        """The pencil over free parameters; the others have values."""
+        """The pencil as a function of the free parameters; `values` gives the others."""
         matrices = iter(self.matrices(site).values())
         sums = {name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}
         return affine_of(sums, free, values)
 
     def matrices(self, site: PartSite) -> Mapping[str, Matrix]:
-        """By their places, checked, all of one size."""
+        """The checked matrices, all of one size, by their places such as 'K[1]'."""
         given = {f"{sum_}[{i}]": term.matrix for sum_ in "MDK" for i, term in enumerate(getattr(self.affine, sum_), 1)}
         paths = {name: found(site, one) for name, one in given.items() if isinstance(one, str)}
         matrices: dict[str, Any] = {name: np.array(one) for name, one in given.items() if not isinstance(one, str)}

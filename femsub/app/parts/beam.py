@@ -31,8 +31,8 @@ class BeamPart(Part):
     height: float = key(0.0, "the cross-section's height; it bends across it", unit="length", least=0,
                         otherwise="I and A are given", example=0.01)
     I: float = key(0.0, "second moment of area", unit="length⁴", least=0,  # noqa: E741
-                   otherwise="that of the rectangle width x height")
-    A: float = key(0.0, "area", unit="length²", least=0, otherwise="that of the rectangle width x height")
+                   otherwise="from width and height of a rectangle")
+    A: float = key(0.0, "area", unit="length²", least=0, otherwise="from width and height of a rectangle")
     foundation: float = key(0.0, "stiffness of an elastic foundation per length", unit="force/length²", least=0)
     left: str = key("free", "how the left end is held", choices=lambda _: fs.components.SUPPORTS)
     right: str = key("free", "how the right end is held", choices=lambda _: fs.components.SUPPORTS)
@@ -51,7 +51,7 @@ class BeamPart(Part):
 
     @property
     def section(self) -> dict[str, float]:
-        """I and A."""
+        """Second moment of area I and area A, by these names."""
         return {"I": self.I or self.width * self.height**3 / 12, "A": self.A or self.width * self.height}
 
     def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class ChainPart(Part):
     """A chain of masses between springs, held at its left end, with a dashpot at mass 1 and a port "belt".
 
-    Masses count from 1. A joint or contact names one of them as 'part.m3'.
+    Masses are numbered from 1. A joint or contact names a mass as 'part.m3'.
     """
 
     chain: int = key(10, "number of masses", least=1, most=10**7)
@@ -31,11 +31,11 @@ class ChainPart(Part):
                                        unit="force/length", least=0)
     damping: float = key(0.1, "the dashpot at mass 1", unit="force·time/length", least=0)
     belt: int = key(2, "the mass of the port 'belt'", least=1)
-    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is that of the belt", least=1,
+    interface: list[int | float | str] = key([1], "masses through which it is joined; 'belt' is the mass under the belt", least=1,
                                              distinct=True)
     ports: dict[str, Any] = field(default_factory=dict)
     fixed: bool = key(True, "whether the first spring is held at its left end")
-    cut: int = key(0, "number of pieces, each of which is a part; a mass at a cut belongs to both, half to each", least=0)
+    cut: int = key(0, "number of pieces, each of which is a part; of a mass at a cut, each piece has half", least=0)
 
     KIND: ClassVar[str] = "chain"
     WITHOUT: ClassVar[dict[str, str]] = {"ports": "the port of a chain is 'belt'"}
@@ -59,7 +59,7 @@ class ChainPart(Part):
             raise InputError(f"interface has {strange[0]!r}, but masses are numbers from 1 to {self.chain}, or 'belt'")
         sub = fs.chain(self.chain, self.belt, self.damping, masses=self.masses, springs=self.springs, interface=masses,
                        fixed=self.fixed, name=site.name)
-        if site.interface:  # joints name masses
+        if site.interface:  # a joint names a mass by a set of its own
             sub = fs.Substructure(sub.M, sub.K, sub.D, {f"m{one}": [one - 1] for one in masses}, sub.ports, site.name, sub.dofs)
         return self.one(site, sub, mesh)
 
@@ -72,4 +72,4 @@ class ChainPart(Part):
         return words
 
     def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
-        return np.asarray(u[:, None] * np.array([1.0, 0.0, 0.0])[:, None])  # the chain lies along x, and its masses move so
+        return np.asarray(u[:, None] * np.array([1.0, 0.0, 0.0])[:, None])  # the chain lies along x, and its masses move along x

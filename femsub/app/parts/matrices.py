@@ -22,13 +22,13 @@ ALL = "interface"  # the set of all interface DOF
 
 @dataclass(frozen=True)
 class MatrixFiles:
-    """Files of matrices: Matrix Market, SciPy, MATLAB, Nastran OP4, Abaqus, CalculiX; 'model.mat:K' names a matrix in one."""
+    """Files of matrices: Matrix Market, SciPy, MATLAB, Nastran OP4, Abaqus, CalculiX; 'model.mat:K' is K in a file of several."""
 
     M: str = key("", "the file of the mass matrix", required=True, example="M.mtx", file=True)
     K: str = key("", "the file of the stiffness matrix", required=True, example="K.mtx", file=True)
     D: str = key("", "the file of the damping matrix", otherwise="no damping", example="D.mtx", file=True)
-    dofs: str = key("", "the file of the DOF map, where the matrices do not carry it in themselves: .dof, or 'node,component' a "
-                    "line", example="K.dof", file=True, otherwise="none")
+    dofs: str = key("", "the file of the DOF map, if the files of matrices do not contain it: .dof, or a line 'node,component' "
+                    "per DOF", example="K.dof", file=True, otherwise="none")
     massless: bool = key(False, "whether M may leave out DOF of K")
     drop_empty: bool = key(False, "whether DOF with neither mass, damping nor stiffness are left out")
 
@@ -62,7 +62,7 @@ class MatricesPart(Part):
 
 
 def found(site: PartSite, name: str) -> Any:
-    """A file of matrices, of which one may be named behind a colon."""
+    """The path of a file of matrices; the name of one matrix in it may follow after a colon."""
     path = site.folder / name
     if not path.is_file() and ":" in path.name:
         from_file(site, name.rpartition(":")[0])

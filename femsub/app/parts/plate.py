@@ -41,12 +41,12 @@ class PlatePart(Part):
     thickness: float = key(0.0, "its thickness", unit="length", above=0, required=True, example=0.002)
     clamped: list[str] = key([], "sets of nodes that are clamped", otherwise="none", example=["left"])
     simply_supported: list[str] = key([], "sets of nodes that are simply supported", otherwise="none", example=["edge"])
-    interface: list[int | float | str] = key([], "sets of nodes where it is joined, beside those that joints and contacts name; "
-                                             "what is held is left out", otherwise="what joints name", example=["right"])
+    interface: list[int | float | str] = key([], "sets of nodes where it is joined, in addition to those that joints and "
+                                             "contacts name; held DOF are left out", otherwise="only these", example=["right"])
     ports: dict[str, Any] = key({}, "places by their names: a set of nodes (the mean of w over its cells, edges or nodes), or "
                                 "[x, y] of a node", otherwise="none", example={"belt": [0.3, 0.2]})
     rayleigh: list[float] = key([], "[alpha, beta] of the damping D = αM + βK", **RAYLEIGH)
-    cut: int = key(0, "number of pieces, each of which is a part; they are chosen so that they share little", least=0)
+    cut: int = key(0, "number of pieces, each of which is a part; they are chosen so that they share few DOF", least=0)
     cut_at: list[str] = key([], "instead of cut: groups of cells, each of which is a piece", otherwise="none",
                             example=["left-half", "right-half"])
 

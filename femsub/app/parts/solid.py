@@ -24,22 +24,22 @@ BRAKE = ("disc", "inboard", "outboard")
 
 @dataclass(frozen=True)
 class Shape:
-    """A solid that is made: a disc of `radii` about z, a block of `lengths`, or a part of femsub's own `brake`.
+    """A solid that femsub builds: a disc of `radii` about z, a block of `lengths`, or a part of femsub's own `brake`.
 
     A block has the sets left, right, front, back, bottom and top. A disc has inner, outer, bottom, top, contact (cells on top,
     two around, next to the outer rim, at angle 0) and mounts (three nodes of the lower edge of the outer rim, 120° apart).
     """
 
-    radii: list[float] = key([], "of a disc", unit="length", above=0, form="[inner, outer]", otherwise="it is no disc",
+    radii: list[float] = key([], "radii of a disc", unit="length", above=0, form="[inner, outer]", otherwise="no disc",
                              example=[0.05, 0.15])
-    thickness: float = key(0.0, "of a disc", unit="length", above=0, required_with="radii", example=0.012)
-    lengths: list[float] = key([], "of a block", unit="length", above=0, form="[x, y, z]", otherwise="it is no block")
-    brake: str = key("", "femsub's own brake, in m: which part", choices=lambda _: BRAKE, otherwise="it is none")
-    size: float = key(0.025, "of a part of the brake: length of its elements", unit="m", above=0)
+    thickness: float = key(0.0, "thickness of a disc", unit="length", above=0, required_with="radii", example=0.012)
+    lengths: list[float] = key([], "edges of a block", unit="length", above=0, form="[x, y, z]", otherwise="no block")
+    brake: str = key("", "part of femsub's own brake, whose unit is m", choices=lambda _: BRAKE, otherwise="no brake")
+    size: float = key(0.025, "length of the elements of a part of the brake", unit="m", above=0)
     elements: list[int] = key([], "bricks along the radius, around and through the thickness, or along x, y and z", least=1,
                               form="[1, 2, 3]", otherwise="4, 48 and 2", example=[5, 48, 2])
     cells: str = key("hexahedron20", "the kind of bricks", choices=lambda _: BRICKS)
-    at: list[float] = key([], "where the corner of a block with the least x, y, z is, or the centre of a disc's lower face",
+    at: list[float] = key([], "position of a block's corner of least x, y, z, or of the centre of a disc's lower face",
                           unit="length", form="[x, y, z]", otherwise="the origin")
 
     def __post_init__(self) -> None:
@@ -56,19 +56,19 @@ class Shape:
         return replace(made, points=made.points + np.array(self.at)) if self.at else made
 
 
-_brake = cache(fs.coupling.brake_meshes)  # of three parts that are made in turn
+_brake = cache(fs.coupling.brake_meshes)  # it makes the meshes of all three parts, which are asked for one by one
 
 
 @dataclass(frozen=True)
 class NearKeys:
-    """A set of one node: that of the set `of` which is nearest to a point."""
+    """A set of one node: the node of the set `of` that is nearest to a point."""
 
-    of: str = key("", "the set that it belongs to", otherwise="any node")
-    near: list[float] = key([], "the point; with two numbers distances count along x and y alone", unit="length",
+    of: str = key("", "the set to which the node belongs", otherwise="any node")
+    near: list[float] = key([], "the point; two numbers: only distances along x and y count", unit="length",
                             required=True, example=[0.0, 0.0, 0.1])
 
     def nodes(self, mesh: Mesh) -> Array:
-        """The node, as a row of the mesh."""
+        """The row of the node in the mesh, as an array of one number."""
         if self.of and self.of not in mesh.sets:
             raise unknown_name("set", self.of, mesh.sets)
         rows, point = mesh.sets[self.of] if self.of else np.arange(len(mesh.points)), self.near[:3]
@@ -79,14 +79,14 @@ class NearKeys:
 class SolidPart(Part):
     """A solid of hexahedra or tetrahedra. A set of nodes is held or joined in all directions, or as 'set:xy' in some."""
 
-    solid: str | Shape = key("", "a mesh file, whatever femsub.read_mesh reads, or what is made", file=True, required=True,
-                             example="part.msh")
-    material: str | dict[str, str] = key("", "the name of its material, or those of groups of cells", required=True,
+    solid: str | Shape = key("", "a mesh file that femsub.read_mesh reads, or a shape that femsub builds", file=True,
+                             required=True, example="part.msh")
+    material: str | dict[str, str] = key("", "the name of its material, or a name for each group of cells", required=True,
                                          example={"lining": "friction", "plate": "steel"})
-    cells: str = key("", "which kind of cells to take of a file of several kinds", otherwise="the file's only kind",
+    cells: str = key("", "the kind of cells, if the file has several kinds", otherwise="the file's only kind",
                      example="hexahedron20")
     supports: list[str] = key([], "sets that are held", otherwise="none", example=["hub"])
-    ports: dict[str, Any] = key({}, "places by their names: a set whose mean motion along y counts, or [set, direction], an "
+    ports: dict[str, Any] = key({}, "mean motions by their names: a set (motion along y), or [set, direction]; a direction is an "
                                 "axis, the surface's 'normal', or a vector", otherwise="none", example={"belt": ["contact", "y"]})
     sets: dict[str, NearKeys] = key({}, "further sets of one node each", otherwise="none")
     rayleigh: list[float] = key([], "[alpha, beta] of the damping D = αM + βK", **RAYLEIGH)

@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
     from femsub import Mesh
 
-MODEL = "model.json"  # of a folder of write_matrices
+MODEL = "model.json"  # the index of a folder of write_matrices
 
 
 @dataclass(frozen=True)
 class SuperelementPart(Part):
-    """A superelement, any one of its files. A joint names its whole boundary, 'wing', or one of its grids, 'wing.11'."""
+    """A superelement, given by any of its files. A joint names its whole boundary, 'wing', or one grid of it, 'wing.11'."""
 
     superelement: str = key("", "its file (.asm, .pch, .op4, .op2, .nc), a .full file, or the model.json of a folder of "
                             "write_matrices", required=True, example="wing.asm", file=True)
-    cutoff: float = key(0.0, "up to which frequency its author kept modes", unit="rad/time", least=0,
-                        otherwise="that of its highest mode, with a warning")
+    cutoff: float = key(0.0, "the frequency up to which its author kept all modes", unit="rad/time", least=0,
+                        otherwise="the frequency of its highest mode, with a warning")
     ports: dict[str, Any] = key({}, f"places by their names: lists of DOF, {DOF}", otherwise="none", example={"tip": ["11:uy"]})
 
     KIND: ClassVar[str] = "superelement"
@@ -39,7 +39,7 @@ class SuperelementPart(Part):
             name: value for name, value in given.items() if value}))
 
     def needed(self, end: End) -> list[Any]:
-        return []  # its boundary is what it is
+        return []  # a superelement has a fixed boundary
 
     def end(self, words: str, sets: Iterable[str] | None) -> Any:
         return words
