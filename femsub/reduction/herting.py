@@ -38,7 +38,7 @@ class Herting(CraigBampton):
     Raises
     ------
     InputError
-        A band and a tolerance: there is no estimate. No interface, or one that does not hold the part.
+        A band and a tolerance are given, but there is no estimate. The interface is empty, or does not hold the part.
 
     References
     ----------
@@ -54,14 +54,14 @@ class Herting(CraigBampton):
     key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
     takes_cutoff = False
     mode_kind = "free"
-    unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
+    unestimated = "its modes have a free and its static shapes a fixed interface; use Rubin, which spans the same space"
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """Those of Craig-Bampton."""
+        """The constraint modes of Craig-Bampton."""
         return replace(super().statics(part, handle, extra), kind="free and inertia relief")
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """Free modes of the whole part, of which the responses to (MΦ)_i join the basis. The cut-off is that of the next one."""
+        """Free modes Φ of the whole part. The responses to (MΦ)_i join the basis. The next free mode gives the cut-off."""
         assert self.modes is not None
         sub = statics.part.sub
         if not len(sub.interface):

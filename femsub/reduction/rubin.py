@@ -46,5 +46,5 @@ class Rubin(FreeInterface):
     key, label, colour, marker = "rubin", "Rubin", "#009e73", "D"
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Chang, solved for the interface."""
+        """The Craig-Chang basis in physical interface coordinates."""
         return recovered(basis, statics)
