@@ -37,7 +37,7 @@ class StabilitySweep(Displayed):
     band : (lo, hi)
         The band searched; for a reduced model it ends at the cut-off.
     cutoff : float
-        That of a reduced model, where no band was asked for. inf otherwise.
+        The cut-off of a reduced model if no band was given. Otherwise inf.
 
     Examples
     --------
@@ -83,11 +83,11 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     model, contacts, parameter
         As for `critical_value`.
     values : sequence of float
-        Of the parameter.
+        Values of the parameter.
     band : (lo, hi), optional
         Only modes with lo ≤ Im λ ≤ hi, in radians per unit of time. Default: all, for a reduced model up to its cut-off.
     workers : int, optional
-        So many processes share the values; see `reduce`. It pays where a value takes seconds: a process takes one to start.
+        Number of processes that share the values; see `reduce`. Useful if a value takes seconds: a process takes 1 s to start.
     executor : concurrent.futures.Executor, optional
         Takes the values one by one instead.
 
@@ -139,7 +139,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         fast = fast if few else _fast(pencil, fed.W, c, limits[1])
         whole = few | (fast & (not pencil.is_sparse))
         form = modal_form(pencil.dense()) if whole.any() else None
-        whole &= form is not None  # massless motions have none
+        whole &= form is not None  # a model with massless motions has no modal form
         if form is not None:
             amplitude = form.shapes.T @ fed.W
             for i in np.flatnonzero(whole):
