@@ -61,7 +61,7 @@ class ContactModes(FreeInterface):
 
     References
     ----------
-    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155 (real modes and what they miss);
+    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155 (real modes and their errors);
     J. M. Dickens, J. M. Nakagawa, M. J. Wittbrodt, Comput. Struct. 62 (1997) 985 (static responses in addition to modes).
 
     Examples

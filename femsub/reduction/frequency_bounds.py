@@ -184,7 +184,8 @@ def left_out(model: Substructure, q: Array) -> Origin:
         limit = f"kept all its fixed-interface modes below {cutoff:.5g} rad/time" if np.isfinite(cutoff) else "lost nothing"
         origin = Origin(model.size, len(model.V), cutoff, premises=(f"{model.name!r} {limit}, in one step",))
     if origin.unbounded:
-        raise InputError(f"{model.name!r} was reduced in several steps, and of the first no bound is known: {origin.unbounded}")
+        raise InputError(f"{model.name!r} was reduced in several steps, and no bound is known for an earlier step: "
+                         f"{origin.unbounded}")
     last = origin.cutoff if origin.left_out else cutoff
     G = _coupling(model, q, last)
     return Origin(len(none), origin.dofs, np.inf, last**-2.0 + origin.left_out,
@@ -210,10 +211,10 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     import scipy.linalg as la
 
     if strange := set(part.kinds) - set(HELD):
-        raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known for "
-                         "parts by CraigBampton and Hurty only: their shapes share no stiffness with the modes left out")
+        raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known only for "
+                         "parts by CraigBampton and Hurty: K does not couple their shapes with the modes left out")
     if not cutoff * cutoff > np.finfo(float).tiny:
-        raise InputError(f"the cut-off of {part.name!r} must be positive, and its square a number, but it is {cutoff}")
+        raise InputError(f"the cut-off of {part.name!r} must be positive, and its square must not be 0, but it is {cutoff}")
     sigma = cutoff**-2.0
     if not sigma:
         return np.zeros((q.shape[1],) * 2)
@@ -224,7 +225,7 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     shared = np.abs(K[np.ix_(inner, ~inner)]) > POSITION * np.outer(unit[inner], unit[~inner])
     if shared.any():
         raise InputError(f"{part.name!r}: {int(shared.any(axis=1).sum())} coordinates that leave the interface at rest share "
-                         "stiffness with its constraint modes. Bounds are known only where they share none")
+                         "stiffness with its constraint modes. Bounds are known only without this coupling")
     try:
         theta, X = la.eigh(M[np.ix_(inner, inner)], K[np.ix_(inner, inner)], check_finite=False)
     except la.LinAlgError:

@@ -24,8 +24,8 @@ class Herting(CraigBampton):
     - the elastic free modes without their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
     - the inertia relief shapes of a floating part, K_ii⁻¹ (MΦ_r)_i: the interior's response to rigid acceleration.
 
-    The interface is physical. The span is that of Craig-Chang and Rubin, since a response to interface forces is one to
-    interface displacements (and to rigid acceleration in a floating part). The computation differs: it uses the factor of
+    The interface is physical. The span is that of Craig-Chang and Rubin, since a response to interface forces is also a response
+    to interface displacements (and to rigid acceleration in a floating part). The computation differs: it uses the factor of
     K_ii and inverts no residual flexibility. X is made M-orthonormal and K-orthogonal. Dependent columns are dropped and
     counted. Herting's paper does not prescribe the modes. With fixed-interface modes and without inertia relief the method
     is Craig-Bampton.

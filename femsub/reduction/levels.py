@@ -215,7 +215,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
     Returns
     -------
     Levels
-        ``.model``, ``.bounds(count)`` of its frequencies, ``.expand(x)``, and what each step took.
+        ``.model``, ``.bounds(count)`` of its frequencies, ``.expand(x)``, and time and memory of each step in ``.tasks``.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
             raise InputError(f"the name of a part is that of a folder, without '.', '/', '~' and spaces, but one is {name!r}")
         if not callable(recipe):
             raise InputTypeError(f"the part {name!r} must be a function without arguments that makes a Substructure, not "
-                                 f"{type(recipe).__name__}. A Substructure that is there is reduced by reduce")
+                                 f"{type(recipe).__name__}. Reduce an existing Substructure by reduce")
     if len(parts) < 2:
         raise InputError(f"parts must be two or more, but there are {len(parts)}; reduce takes one")
     if type(instance("method", method, CraigBampton)) is not CraigBampton or method.band is not None:

@@ -388,7 +388,7 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         # a K with fewer digits has its own warning, and with a tolerance the estimate includes rounding
         if handle.floating and lost > DIGITS and handle.unit == EPS and method.goal is None:
             warn(f"rounding in the entries of K may change ω² of the modes of {sub.name!r} by a relative {lost:.0e}, and the "
-                 f"reduced model has them as they are. {IN_PARTS}", ConditionWarning)
+                 f"reduced model inherits this error. {IN_PARTS}", ConditionWarning)
         basis = method.coordinates(basis, statics)
     if not basis.V.shape[1]:
         raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "

@@ -59,8 +59,8 @@ def over_box(family: Affine, box: ParameterBox) -> BoxModel:
         warn(f"{model.open_share:.1%} of the box is not proved after {tried} cells: {'; '.join(places)}{more}. Take a smaller "
              f"box or band, or cells={4 * box.cells}", FemsubWarning)
     if model.error > box.tol:
-        warn(f"the error over the box is estimated as {model.error:.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
-             f"shapes from {len(model.values)} values. Take a smaller box", FemsubWarning)
+        warn(f"the error over the box is estimated as {model.error:.1e} |λ|, above tol={box.tol:g}, with {model.size} shapes "
+             f"from {len(model.values)} values. Take a smaller box", FemsubWarning)
     return model
 
 

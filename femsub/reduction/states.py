@@ -155,7 +155,7 @@ class States:
         return Spaces(*((weights @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.right, self.left)))
 
     def staying(self, values: Mapping[str, float]) -> States:
-        """States whose bases are those at `values` for all values."""
+        """States with constant bases, which are those at `values`."""
         right, left = self.at(values)
         return replace(self, right=right[None], left=left[None])
 

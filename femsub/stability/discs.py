@@ -41,7 +41,7 @@ class Discs:
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: LossQuestion) -> CriticalValue:
-        small = question.over(question.between[0])  # of a model that is followed, the size is that of its projection
+        small = question.over(question.between[0])  # for a followed model, the projected pencil
         with one_thread(small.size <= FEW):
             family = Family(question.over, question.between)
             if question.floats or family.floating:
@@ -98,7 +98,7 @@ class Discs:
         """
         after = int(family.grown(part.end)[0].sum()) if after is None else after
         found: Found = ([], [])
-        begin, reach = part.begin, self.narrow**2 * family.least  # rounding may hide beside a place which modes grow
+        begin, reach = part.begin, self.narrow**2 * family.least  # so far from a place, rounding may hide which modes grow
         while before != after:
             a, b = begin, part.end
             while b - a > family.least and a < (m := (a + b) / 2) < b:

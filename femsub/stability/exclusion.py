@@ -214,7 +214,7 @@ class Family:
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
     def parts(self, most: int) -> list[Stretch]:
-        """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
+        """The range as a sequence of intervals, divided until each is excluded or narrow. After `most` tests, others are open."""
         (lo, hi), least = self.between, self.least
         # 32 intervals at first if A is not affine: samples a whole range apart would show little
         edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, 33).tolist(), *self.kinks})

@@ -129,7 +129,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         lowest, most = float(values.min()), float(values.max())
         room = 0.06 * ((most - lowest) or 1.0)  # around the curves
         low = max(lowest - room, -room) if part == "imag" else lowest - room
-        # damped modes must not set the scale of what grows: beside them the axis is logarithmic
+        # damped modes must not set the scale of growing modes: if they would, the axis is logarithmic
         grow = np.abs(values[every.real > 0]).max(initial=0.0)
         up_to = 10.0 ** np.floor(np.log10(grow)) if grow else linear_up_to(values)
         linear = {"y": float(up_to)} if part != "imag" and up_to and np.abs(values).max() > OUTGROWN * grow else {}

@@ -183,7 +183,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
     if not few and not any_rank:
-        raise NotConvergedError("the parameter acts through many columns, for which solver='swept' is made")
+        raise NotConvergedError("the parameter acts through many columns; solver='swept' takes these, too")
     p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]

@@ -125,7 +125,7 @@ class Middle(NamedTuple):
         parts = np.array([self.solved @ self.linear.a[1 + i] for i in varied])
         size = np.linalg.norm(parts, axis=(1, 2))
         varied, parts, size = varied[size > 0], parts[size > 0], size[size > 0]
-        # the directions of unit size; what is left of the changes joins the rounding
+        # the directions of unit size; the part of the changes outside their span counts as rounding
         scaled, own = changes[:, varied] * size, directions[:, varied] * size
         own = own[own.any(axis=1)]
         share = np.linalg.pinv(own)

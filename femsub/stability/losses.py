@@ -62,7 +62,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
 
 def all_losses(model: Any, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
                band: tuple[float, float] | None) -> CriticalValue:
-    """All losses and regains of stability; without a range those over the slope of the first belt, from 0 down."""
+    """All losses and regains of stability; without a range, over the slope of the first belt, from 0 down."""
     if between is not None:
         return critical_value(model, contacts, parameter, between=between, band=band)
     belt = first_belt(contacts_of(contacts))

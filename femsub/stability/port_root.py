@@ -181,8 +181,8 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
 
 def _advice(finding: str, omega: Array, near: Array) -> str:
     if len(near):
-        finding += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
-                 f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
+        finding += (f". The distance of two frequencies is below their errors ({omega[near[0]]:.7g} and "
+                 f"{omega[near[0] + 1]:.7g}), so their modes may be mixed wrongly")
     return finding + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
 
 

@@ -333,7 +333,7 @@ def _law(name: str, value: Any) -> Callable[[Array], Array]:
         raise InputTypeError(f"the input {name} must be a frozen distribution of scipy.stats, such as norm(0.4, 0.05), not "
                              f"{value!r}")
     if np.ndim(law(0.5)):
-        raise InputError(f"the distribution of {name} must be that of one number")
+        raise InputError(f"the distribution of {name} must be a distribution of one number")
     return law
 
 

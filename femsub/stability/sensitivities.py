@@ -111,7 +111,7 @@ class MetPair:
 
     def _pair(self) -> Array:
         if len(self.S) != 2:
-            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. Take S and slopes")
+            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. Use S and slopes")
         return self.S
 
 

@@ -195,7 +195,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     # the question
     names = tuple(word("parameter", name) for name in mapping("over", over, "two parameters and their ranges"))
     if len(names) != 2:
-        raise InputError(f"a map is over two parameters, but over has {len(names)}. Give the others values before")
+        raise InputError(f"a map is over two parameters, but over has {len(names)}. Give values to all others first")
     at = pencils_of(model, contacts, names)
     counts = items("points", points, "two numbers of values")
     if len(counts) != 2:

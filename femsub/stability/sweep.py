@@ -117,7 +117,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     p = np.atleast_1d(real_array("values", values))
     if p.ndim != 1 or p.size == 0:
         raise InputError("values must be a flat, non-empty sequence of finite numbers")
-    sign = -1.0 if p.sum() < 0 else 1.0  # of the values: a contact may refuse those of the other sign
+    sign = -1.0 if p.sum() < 0 else 1.0  # a contact may refuse values of the other sign
     question = question_of(model, contacts, parameter, (0.0, sign * np.inf), band)
     limits, pencil = question.band, question.over.at(p[0])
     growth, omega = np.empty(len(p)), np.empty(len(p))

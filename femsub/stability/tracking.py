@@ -40,7 +40,7 @@ SAME_MODE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in 
 LEAST_ALIKE = (1 - SAME_MODE) / 2  # |s| from which a mode may be the same, where the step is not halved any more
 APPROACH = 0.6  # two modes approach if they come nearer within a step than this share of their distance at its ends
 TURN = np.pi / 3  # or if their distance turns by more in the complex plane (wrong successors turn it by π)
-PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
+PLACES = np.linspace(0.0, 1.0, 9)  # places in a step at which an approach is sought
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -456,7 +456,7 @@ def _rank(values: Array) -> Array:
 
 
 def _turned(here: _Node, there: _Node, to: Array) -> _Node:
-    """The node with the vectors of each cluster of equal eigenvalues turned to those before, so that a crossing goes straight."""
+    """The node, in each cluster of equal λ with vectors turned to those of `here`, so that branches go straight on."""
     from_ = np.full(len(there.values), -1)
     from_[to[to >= 0]] = np.flatnonzero(to >= 0)
     X, Y = there.X.copy(), there.Y.copy()

@@ -185,8 +185,8 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
         one, other = full.parts.get(name), rom.parts.get(name)
         size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
         if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
-            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is no part of both, or has another "
-                             "size")
+            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is missing in one of them, or its "
+                             "size differs")
         if one is not other:
             parts[name] = one
     statics = {name: held_statics(part) for name, part in parts.items() if len(part.interior)}
