@@ -214,7 +214,7 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
     (first, goal), *_ = goals.items()
     for name, other in goals.items():
         if other != goal:
-            raise InputError(f"band and tol hold for the whole system and must be equal for all parts, but {first!r} has "
+            raise InputError(f"band and tol hold for the whole system and must be the same for all parts, but {first!r} has "
                              f"{goal.tol:g} in {goal.band} and {name!r} {other.tol:g} in {other.band}")
     for name, method in methods.items():
         if not (isinstance(method, CraigBampton) and type(method).kept is CraigBampton.kept):
