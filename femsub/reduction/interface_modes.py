@@ -110,7 +110,7 @@ class InterfaceModes(Method):
         i = np.setdiff1d(np.arange(sub.size), b)
         if len(i) > DENSE:
             raise InputError(f"{sub.name!r} has {len(i)} coordinates beside its {len(b)} interface DOF. Interface modes keep all "
-                             f"such coordinates, at most {DENSE}: reduce its parts first, e.g. by CraigBampton(modes=20)")
+                             f"of them, at most {DENSE}: reduce its parts first, e.g. by CraigBampton(modes=20)")
         K, M, D = (A if turn is None else congruent(A, turn) for A in (sub.K, sub.M, sub.D))
         if K[i][:, b].any() if isinstance(K, np.ndarray) else K[i][:, b].nnz:
             K, lift = _uncoupled(Substructure(M, K, None, b, name=sub.name))

@@ -139,7 +139,7 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     if isinstance(method, Mapping):
         return _part_by_part(sub, method, ports, contacts, workers, executor)
     if workers is not None or executor is not None:
-        raise InputError("workers and executor reduce the parts of a system: give a method for each part, as in "
+        raise InputError("workers and executor are for the parts of a system: give a method for each part, as in "
                          "reduce(system, {'disc': CraigBampton(20), 'pad': CraigBampton(10)}, workers=2)")
     with reused_memory(getattr(sub, "size", 0)):
         return reduced(sub, method, ports, contacts)
