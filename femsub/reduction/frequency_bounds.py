@@ -38,7 +38,7 @@ class FrequencyBounds:
     rigid : int
         Rigid-body modes, which are exact.
     tally : Tally
-        The number of frequencies listed, and their number in the full model, if the bounds prove that its next one is higher.
+        The number of frequencies listed, and that of the full model, if the bounds prove that its next frequency is higher.
     full : str
         In words, the model whose frequencies lie between the bounds, and the assumptions about parts of unknown origin.
 

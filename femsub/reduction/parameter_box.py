@@ -38,7 +38,7 @@ Ranges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class ParameterBox:
-    """Ranges of parameters for which `reduce` makes one small model of λ² M + λ D + K, with its tolerance and its band.
+    """Ranges of parameters for which `reduce` makes one small model of λ² M + λ D + K, with a band and a tolerance.
 
     Parameters
     ----------

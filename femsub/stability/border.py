@@ -71,7 +71,7 @@ class ModalContact:
     def decomposition(self, c: float) -> tuple[Array, Array, Array]:
         """λ, left and right vectors of the state matrix at contact coefficient c; the last few are cached."""
         if c not in self._known:
-            if len(self._known) >= 3:  # one border looks at c and on both sides of it
+            if len(self._known) >= 3:  # a border needs c and a value on each side of it
                 self._known.pop(next(iter(self._known)))
             self._known[c] = la.eig(self.form.state(self.form.C + c * self.contact), left=True, right=True, check_finite=False)
         return self._known[c]

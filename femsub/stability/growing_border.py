@@ -24,7 +24,8 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", ro
     (a Craig-Chang basis, in which Ω is exact to rounding). At each border found, the full model's response to the contact,
     (-ω²M + iωD + K)⁻¹W, joins the basis. The same is done at an edge of the band where a pair may cross, to decide whether that
     border belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify
-    the border share the factor. After `rounds`, each of one complex factorisation at most, a border that still moves is an error.
+    the border share the factor. A border that still moves after `rounds` rounds is an error. A round takes at most one complex
+    factorisation.
     """
     if (alike := pencil.alike()) is not pencil:
         unit = pencil.units[0][:, None]

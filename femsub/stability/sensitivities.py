@@ -535,7 +535,7 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
 
 
 def _between(values: Array, omega: float) -> float:
-    """The middle of the wider one of the two gaps between an eigenfrequency and its neighbours."""
+    """The middle of the wider gap between an eigenfrequency and its two neighbours."""
     size = np.unique(np.abs(values.imag))
     gaps = [(abs(other - abs(omega)), other) for other in (*size[size < abs(omega)][-1:], *size[size > abs(omega)][:1])]
     return (max(gaps)[1] + abs(omega)) / 2 if gaps else abs(omega)

@@ -59,7 +59,7 @@ class StabilityMap(Displayed):
     values : (ndarray of shape (m,), ndarray of shape (k,))
         Of the first and of the second parameter, ascending.
     number : ndarray of int, shape (m, k)
-        Modes in the band that certainly grow: pairs of eigenvalues, and real ones.
+        Number of modes in the band that certainly grow: pairs of eigenvalues, and real eigenvalues.
     growth, omega : ndarray, shape (m, k)
         The largest Re λ in the band, 1 per unit of time, and Im λ of that mode; -inf and NaN if the band is empty.
     undecided : ndarray of bool, shape (m, k)

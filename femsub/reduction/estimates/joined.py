@@ -119,7 +119,7 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
     Raises
     ------
     InputError
-        A contact between parts, or one with stiffness.
+        A contact acts between parts, or adds stiffness.
     """
     found = dict(system.parts)
     for contact in contacts_of(contacts):
