@@ -170,7 +170,7 @@ class CriticalValue(Displayed):
         return float(self.value)
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each loss and regain; a row without a value if stability is never lost, or lost at the start or unknown."""
+        """A row for each loss and regain. One row without a value if stability is never lost, or lost at an unknown place."""
         several: list[tuple[str, Any]] = [*(("lost", one) for one in self.losses), *(("regained", one) for one in self.regains)]
         if self.growing or not (self.first or (self.regains and np.isinf(self.value))):
             where = "never lost" if np.isinf(self.value) else "lost at a place not known"
