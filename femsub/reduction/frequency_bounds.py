@@ -58,7 +58,7 @@ class FrequencyBounds:
 
     @property
     def error(self) -> Array:
-        """1 - lower/upper, shape (k,): no frequency listed is too high by more than this share of itself."""
+        """1 - lower/upper, shape (k,): the largest possible relative error of each listed frequency."""
         return 1 - self.lower / self.upper
 
     @property

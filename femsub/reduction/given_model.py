@@ -234,7 +234,7 @@ class GivenModel:
 
     @cached_property
     def free_frequencies(self) -> Array:
-        """ω of the model by itself, rigid motion and rounding as 0."""
+        """ω of the model with its interface free; rigid motion and rounding count as 0."""
         return semidefinite_frequencies(self.K, self.M)
 
     @property

@@ -74,7 +74,7 @@ class Guyan(CraigBampton):
         return replace(Partition.of(more, True), factorisations=found.factorisations)
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
-        """No modes, unless a band and a tolerance decide."""
+        """No modes; None with a band and a tolerance."""
         return lowest(handle, 0) if self.band is None else None
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:

@@ -201,7 +201,7 @@ class Method(ABC):
         return False
 
     def vectors(self, request: Request) -> Basis:
-        """The basis where `by_vectors`."""
+        """The basis, if `by_vectors`."""
         raise NotImplementedError
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
@@ -223,7 +223,7 @@ class Method(ABC):
         return chosen_in(Space.of(statics, pencil, self.goal.band[1]), self.goal)
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """The basis V = [C Φ Ξ], turned by `Basis.turned` where the model is to have other coordinates."""
+        """The basis V = [C Φ Ξ], transformed by `Basis.turned` if the model has other coordinates."""
         return basis
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
@@ -248,7 +248,7 @@ def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
 
 def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
             contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
-    """One component by one method; see `reduce`."""
+    """One component, reduced by one method; see `reduce`."""
     request = checked(sub, method, ports, contacts)
     try:
         with one_thread(request.work < WORK), kept_free(request.beside):

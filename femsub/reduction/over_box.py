@@ -237,7 +237,7 @@ class _Maker:
         return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
-        """The model on the vectors of these nodes."""
+        """The small model whose basis is made of the vectors of these nodes."""
         projection = self.projection
         columns = []
         for node in nodes:

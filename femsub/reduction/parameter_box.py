@@ -167,7 +167,7 @@ class Cell:
         return prod(hi - lo for lo, hi in self.ranges.values())
 
     def holds(self, values: Mapping[str, float]) -> bool:
-        """Whether the values are in it."""
+        """Whether the cell contains the values."""
         return all(lo <= values[name] <= hi for name, (lo, hi) in self.ranges.items())
 
 

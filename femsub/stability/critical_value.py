@@ -196,7 +196,7 @@ def first_value(model: Substructure | Affine, contacts: Contacts, parameter: str
 
 def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
                 band: tuple[float, float] | None) -> LossQuestion:
-    """The question, checked."""
+    """The question, after checks of the arguments."""
     # start and end must differ, and the end may be infinite
     if isinstance(between, set) or len(pair := items("between", between, "two numbers (start, end)")) != 2:
         raise InputTypeError(f"between must be a pair (start, end), not {shown(between)}")

@@ -60,7 +60,7 @@ class Crossing:
 
     @property
     def place(self) -> str:
-        """Its kind, and ω in words."""
+        """The kind and ω, in words."""
         return self.kind + ("" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time")
 
     def __repr__(self) -> str:

@@ -271,7 +271,7 @@ def _is_eye(M: Array) -> bool:
 
 
 class _Discs(NamedTuple):
-    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds all else; `axis` (m,) bounds Re f_ii."""
+    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds all other terms; `axis` (m,) bounds Re f_ii."""
 
     z: Array
     drift: Array
@@ -318,7 +318,7 @@ def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs
 def isolated(F: Array, apart: Array) -> Array:
     """Radii τ_i r_i, r_i = Σ_{j≠i} f_ij, of discs that are clear of all others and hold one eigenvalue each, (m,); else inf.
 
-    `apart` (m, m) are the least distances of the centres less f_ii and f_jj, inf on its diagonal. With τ_i disc i has the radius
+    `apart` (m, m) are the least distances of the centres minus f_ii and f_jj, inf on its diagonal. With τ_i disc i has the radius
     f_ii + τ_i r_i, and the others f_jj + r_j - f_ji + f_ji/τ_i. The smallest τ_i that keeps it clear of each of them is the lower
     root of a quadratic equation.
     """

@@ -167,7 +167,7 @@ def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str, fe
 
 def _lines(values: Array, places: Any, name: str, hover: Mapping[str, Any] | None = None, **style: Any) \
         -> dict[str, list[Series]]:
-    """Im λ, Re λ and the damping ratio over the parameter; each name stands in the legend once."""
+    """Im λ, Re λ and the damping ratio over the parameter; each name appears in the legend once."""
     damping = damping_percent(values)
     known = {"Im λ [rad/time]": values.imag, "Re λ": values.real, "damping [%]": damping, **(hover or {})}
     return {part: [Series(name, places, y, hover=known, **style)]

@@ -45,7 +45,7 @@ class Linear(Protocol):
 
 
 class Companion(NamedTuple):
-    """The first order of λ² M + λ D + K with states (x, λx / unit)."""
+    """The first-order form of λ² M + λ D + K with states (x, λx / unit)."""
 
     a: Array
     b: Array
@@ -172,7 +172,7 @@ class Middle(NamedTuple):
 
 
 class Around(NamedTuple):
-    """The enclosures for changes of the factors around a `Middle`: t = change @ `to`, and F of the module."""
+    """The enclosures for changes of the factors around a `Middle`: t = change @ `to`, and F as in the text of the module."""
 
     middle: Middle
     to: Array  #: (q, directions)

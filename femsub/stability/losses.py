@@ -1,4 +1,4 @@
-"""Where a model first loses its stability over a parameter of its contacts, for tables of many models."""
+"""The first loss of stability of a model over a parameter of its contacts, for tables of many models."""
 
 from __future__ import annotations
 

@@ -24,9 +24,9 @@ Knot: TypeAlias = tuple[Edge, int]  # a crossing: its edge, and its number there
 
 
 class BorderLine(NamedTuple):
-    """A curve on which the number of growing modes changes: m places (m, 2), and ω there (m,); its ends may be one point.
+    """A curve on which the number of growing modes changes: m places (m, 2), and ω there (m,).
 
-    ω is 0 where a real eigenvalue passes 0.
+    ω is 0 where a real eigenvalue passes 0. `closed`: the ends are the same point.
     """
 
     points: Array
@@ -46,7 +46,7 @@ class Nodes(dict[Node, PointModes]):
                          for at, axis in zip(node, self.axes, strict=True)])
 
     def far(self, place: Array, other: Array) -> float:
-        """How far two places are from each other, in sides of the smallest cells."""
+        """The distance of two places, in units of the side of the smallest cells."""
         return float(np.linalg.norm([np.diff(np.interp([one, two], axis, self.step * np.arange(len(axis))))
                                      for one, two, axis in zip(place, other, self.axes, strict=True)]))
 
@@ -113,7 +113,7 @@ def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> lis
 
 
 class Bracket(NamedTuple):
-    """A part of an edge, from t = first to last of it, with the modes at both ends."""
+    """A part of an edge, from t = `first` to t = `last`, with the modes at both ends."""
 
     edge: Edge
     first: float

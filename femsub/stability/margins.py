@@ -116,7 +116,7 @@ def between(ends: Sequence[Array], t: float) -> Array:
 
 
 class ModesAt:
-    """The modes at points, some or many at once, and how many eigenproblems that took."""
+    """Computes the modes at points, some or many at once, and counts the eigenproblems solved."""
 
     def __init__(self, model: Any, at: Callable[[Mapping[str, float]], Pencil], names: Sequence[str],
                  band: tuple[float, float], ends: Sequence[Pencil], say: Callable[[str], None], fine: float = 1e-6) -> None:

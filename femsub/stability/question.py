@@ -138,7 +138,7 @@ class CriticalValue(Displayed):
 
     @property
     def first(self) -> tuple[Crossing, ...]:
-        """All modes that are lost together at the first loss; empty if there is none, or its place is not known."""
+        """All modes that begin to grow together at the first loss; empty if there is no loss, or its place is not known."""
         return tuple(one for one in self.losses
                      if abs(one.value - self.value) <= max(one.width, self.losses[0].width)) if self.losses else ()
 
@@ -154,7 +154,7 @@ class CriticalValue(Displayed):
 
     @property
     def crossing(self) -> Array:
-        """The frequencies of all modes that are lost together at the first loss, ascending."""
+        """The frequencies of all modes that begin to grow together at the first loss, ascending."""
         return np.array([one.omega for one in self.first])
 
     @property

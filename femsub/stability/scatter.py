@@ -327,7 +327,7 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
 
 
 def _law(name: str, value: Any) -> Callable[[Array], Array]:
-    """The inverse of the distribution function."""
+    """The inverse of the distribution function of an input."""
     law = getattr(value, "icdf", None) or getattr(value, "ppf", None)
     if law is None or isinstance(value, type) or not (hasattr(value, "icdf") or hasattr(value, "dist")):
         raise InputTypeError(f"the input {name} must be a frozen distribution of scipy.stats, such as norm(0.4, 0.05), not "
@@ -365,7 +365,7 @@ def _scores(q: int, power: int, rng: np.random.Generator) -> Array:
 
 
 def _values(laws: Sequence[Callable[[Array], Array]], scores: Array) -> Array:
-    """The inputs of normal scores (m, q)."""
+    """The values of the inputs at normal scores (m, q)."""
     from scipy.special import ndtr
 
     return np.stack([np.asarray(law(ndtr(column)), dtype=float) for law, column in zip(laws, scores.T, strict=True)], axis=1)

@@ -202,7 +202,7 @@ class Sensitivities(Displayed):
 
 
 class _Piece(NamedTuple):
-    """θ(p) s^power UᵀAU, a part of P that depends on parameters, with the jet of θ; U None is the identity."""
+    """θ(p) s^power UᵀAU, a part of P that depends on parameters, with the jet of θ; U = None: identity."""
 
     matrix: str
     U: Matrix | None

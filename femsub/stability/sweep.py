@@ -158,7 +158,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
 
 
 def _fast(pencil: Pencil, W: Array, c: Array, hi: float) -> Array:
-    """At which c (k,) there may be an eigenvalue with Re λ > hi and |Im λ| ≤ hi, bool (k,); at the others there is none.
+    """Whether there may be an eigenvalue with Re λ > hi and |Im λ| ≤ hi at each c (k,), bool (k,). False is certain.
 
     With m, d, k = xᴴMx, xᴴDx, xᴴKx of a growing shape, (m + Re d / Re λ) |λ|² + k = 0. Hence for a ≤ Re λ ≤ b, hi ≤ a, the
     matrix aM + D + cWWᵀ + K / 2b is not definite. One interval decides most slopes, several decide the rest.

@@ -89,7 +89,7 @@ class Nested:
         return [slice(int(a), int(b)) for a, b in pairwise(ends)] or [self.rest]
 
     def held(self, count: Count) -> Array:
-        """Which elastic modes a model with `count` modes holds: the lowest of each part, bool (modes,)."""
+        """Which elastic modes a model with `count` modes keeps: the lowest of each part, bool (modes,)."""
         rank = np.arange(self.modes) - np.append(0, np.cumsum(self.most))[self._owner]
         return rank < np.atleast_1d(count)[self._owner]
 

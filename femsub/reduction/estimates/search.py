@@ -118,7 +118,7 @@ class Space:
         return self.assembled(own).nested
 
     def further(self, reference: Nested, best: Estimate) -> None:
-        """More modes of each part, since the best model does not meet the tolerance.
+        """Compute more modes of each part, since the best model does not meet the tolerance.
 
         Raises
         ------
