@@ -271,7 +271,7 @@ def _is_eye(M: Array) -> bool:
 
 
 class _Discs(NamedTuple):
-    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds all other terms; `axis` (m,) bounds Re f_ii."""
+    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds other terms; `axis` (m,) bounds Re f_ii."""
 
     z: Array
     drift: Array
