@@ -124,7 +124,7 @@ def test_without_damping_the_sweep_says_that_it_cannot() -> None:
     M, D, K, T = (sp.block_diag([part, sp.csr_array((1, 1))], format="csr") for part in (
         sp.eye_array(n), family.at(p=0.0).D, family.at(p=0.0).K, pair))
     beside = fs.Affine(M + alone / 0.09, D, [(1.0, K + alone), ("p", T)])
-    with pytest.raises(NotConvergedError, match="not known what crosses"):
+    with pytest.raises(NotConvergedError, match="crossings are not known"):
         _swept(question_of(beside, None, "p", (0.0, 0.5), BAND), 6)
 
 

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """The part of a component whose modes are kept: the `rows` of the interior, with the interface held, or all.
+    """The DOF of a component whose modes are computed: `rows` are the interior, with the interface held, or all DOF.
 
-    `factorisations` were made to choose it. With `turn` (n, n) the part is in other coordinates z of the component, x = turn z.
+    `factorisations` counts the factorisations that the choice of the rows took. With `turn` (n, n), `sub` is in other
+    coordinates z of the component, x = turn z. `alone` is True where no system chooses the modes of all its parts together.
     """
 
     sub: Substructure
@@ -36,7 +37,7 @@ class Partition:
         return cls(sub, sub.interior if held and len(sub.interface) else slice(None))
 
     def factored(self, seeks: int = 0) -> ShiftInvert:
-        """The factor of the part, for so many modes and static solves; a factor made earlier for the same part is reused."""
+        """The factor of the part. An earlier factor of the same part is reused. A count of `seeks` modes may be prepared."""
         try:
             return ShiftInvert(self.sub.K, self.sub.M, self.rows, self.sub.rigid_motion, seeks)
         except SingularMatrixError as error:
@@ -58,9 +59,9 @@ class Statics:
     kind : str
         The label of their columns in V.
     rigid : ndarray, shape (n_c, k), or None
-        The rigid motions C rigid of the part, beside those of its modes; None where they are not known.
+        Coordinates of the rigid motions that C contains, C rigid. Rigid-body modes are not included. None: not known.
     sought : Kept, optional
-        The modes, where they were found meanwhile.
+        The modes, if they were computed while a second process solved for constraint modes.
     """
 
     part: Partition
@@ -74,11 +75,11 @@ class Statics:
 
     @classmethod
     def of(cls, part: Partition, handle: ShiftInvert, forces: Array, kind: str) -> Statics:
-        """The responses to these forces alone, without constraint modes."""
+        """Statics without constraint modes: only the responses to `forces`."""
         return cls(part, handle, zeros(part.sub.size, 0, 0), zeros(0, 0, 0), forces, kind, zeros(0, 0, 0))
 
     def rigid_in(self, modes: int, size: int) -> Array | None:
-        """The rigid motion of the part in [C Φ Ξ], (size, k), the first `modes` columns of Φ being rigid; None if not known."""
+        """Rigid motion in the coordinates of [C Φ Ξ], (size, k); the first `modes` columns of Φ are rigid. None: not known."""
         if self.rigid is None:
             return None
         n_c, free = self.rigid.shape
@@ -111,10 +112,10 @@ class Statics:
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """The modes of a basis: `found` holds all computed modes. Kept are the rigid ones and the first `elastic` others.
+    """The modes of a basis. `found` holds all computed modes; the rigid-body modes and the first `elastic` others are kept.
 
-    `estimate` is set for a band and a tolerance. `forces` (n_i, k) are forces of the modes, mode by mode, whose static responses
-    join the basis. Of modes that are not `inside` these responses are all that joins it.
+    `estimate` is set for a band and a tolerance. `forces` (n_i, k) holds one force for each kept mode; the static responses to
+    these forces join the basis. If `inside` is False, only these responses join it, and the modes do not.
     """
 
     found: NormalModes
@@ -126,7 +127,7 @@ class Kept:
 
     @property
     def cutoff(self) -> float:
-        """The frequency of the first mode that is left out; `free_below` where that mode is not known."""
+        """The frequency of the first mode that is left out; `free_below` where that mode was not computed."""
         return float(np.append(self.found.frequencies, self.free_below)[self.found.rigid + self.elastic])
 
     @property
@@ -135,12 +136,12 @@ class Kept:
 
     @property
     def values(self) -> Array:
-        """ω² of the modes kept, shape (rigid + elastic,)."""
+        """ω² of the kept modes, shape (rigid + elastic,)."""
         return self.found.eigenvalues[:self.rigid + self.elastic if self.inside else 0]
 
     @property
     def shapes(self) -> Array:
-        """Φ of the modes kept, shape (n_i, rigid + elastic)."""
+        """Φ, the shapes of the kept modes, shape (n_i, rigid + elastic)."""
         if not self.inside and self.forces is not None:
             return self.forces[:, :0]
         return self.found.shapes[:, :self.rigid + self.elastic]
@@ -154,8 +155,8 @@ class Basis:
     `motion` (n, k) is the rigid motion, and `rigid` (r, k) its coordinates, V rigid = motion; None where the method does not know
     them. `interface` (n_b, r) are the rows of V at the interface. D = VᵀDV is None where it is not known yet.
 
-    `forces` (n_i, s) are F. `energies` (2, p) are those of the full static response to each port column, and the part of it that
-    Φ does not represent.
+    `forces` (n_i, s) are F. `energies` (2, p) are strain energies for each port column: of the full static response, and of the
+    part of this response that Φ does not represent.
     """
 
     V: Array
@@ -176,7 +177,7 @@ class Basis:
     energies: Array = field(default_factory=lambda: np.zeros((2, 0)))
 
     def turned(self, T: Array, kinds: tuple[str, ...], rigid: Array | None) -> Basis:
-        """VT (n, k) with TᵀMT, TᵀKT and TᵀDT, and the rigid motions in its coordinates, V rigid = VT rigid'."""
+        """VT (n, k) with TᵀMT, TᵀKT and TᵀDT. `rigid` are the coordinates of the rigid motions in VT."""
         M, K = (T.T @ A @ T for A in (self.M, self.K))
         return replace(self, V=self.V @ T, M=(M + M.T) / 2, K=(K + K.T) / 2, kinds=kinds, rigid=rigid,
                        interface=self.interface @ T, D=None if self.D is None else T.T @ self.D @ T)
@@ -185,8 +186,8 @@ class Basis:
 def assembled(statics: Statics, kept: Kept, ports: Mapping[str, Array], mode_kind: str) -> Basis:
     """V = [C Φ Ξ]. The elastic columns of Φ get the label `mode_kind`.
 
-    All loads are solved for at once, without the modes' contribution, so that no energy suffers from cancellation. Then the
-    factor is released. The modes are counted last: a process that counts them beside may need the time.
+    All loads are solved for at once. The solutions exclude the modes' contribution, so that no energy suffers from cancellation.
+    Then the factor is released. The count of the modes is checked last, since another process may still be counting.
     """
     handle, C, n_c, rows = statics.handle, statics.constraint, statics.constraint.shape[1], statics.part.rows
     forces = statics.forces if kept.forces is None else np.hstack([kept.forces, statics.forces])
@@ -241,7 +242,8 @@ def in_blocks(condensed: Array, values: Array, stiffness: Array, inertia: Array,
 def projected(A: Matrix, V: Array, W: Array, symmetric: bool = False) -> Array:
     """VᵀAW, shape (r, s), a block of columns at a time, so that AW is never stored as a whole.
 
-    Where A is symmetric and W are the first columns of V, the rows above a block follow from the blocks before it.
+    `symmetric` means that A is symmetric and W holds the first columns of V. Rows above a diagonal block are then copied from
+    earlier blocks.
     """
     result = np.zeros((V.shape[1], W.shape[1]))
     if not sp.issparse(A) or A.nnz:
@@ -253,7 +255,7 @@ def projected(A: Matrix, V: Array, W: Array, symmetric: bool = False) -> Array:
 
 
 def structural(sub: Substructure, V: Array) -> Array | None:
-    """VᵀHV, symmetric to the last digit; None of a component without structural damping."""
+    """VᵀHV, symmetric to the last digit; None for a component without structural damping."""
     if sub.H is None:
         return None
     H = projected(sub.H, V, V, symmetric=True)
@@ -283,15 +285,16 @@ def port_errors(ports: Mapping[str, Array], basis: Basis, kept: Kept, energies: 
 def zeros(rows: int, columns: int, room: int, common: bool = False) -> Array:
     """Zeros (rows, columns) with memory for `room` more columns behind them, which costs nothing until it is written to.
 
-    What is `common` is shared with forks of this process.
+    With `common`, forks of this process share the memory.
     """
     whole = shared_zeros(rows, columns + room) if common else np.zeros((rows, columns + room), order="F")
     return whole[:, :columns]
 
 
 def widened(C: Array, columns: int) -> Array:
-    """C and columns of zeros behind it: in its own memory where `zeros` left the room. Of a large interface, a second C would
-    cost as much memory as all that follows.
+    """C with columns of zeros appended, `columns` in total. C is not copied if `zeros` reserved enough memory behind it.
+
+    For a large interface, a copy of C would take as much memory as all later steps.
     """
     whole = C.base
     if whole is None or whole.shape[1] < columns:

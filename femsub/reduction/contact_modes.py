@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ContactModes(FreeInterface):
-    """Real modes of the system in contact without friction, and what friction adds to them to first order.
+    """Real modes of the system in contact without friction, and their static responses to the friction forces.
 
     With K₀, the symmetric part of K + K_contact(μ = 0), and K₁ = ∂K_contact/∂μ,
 
-        (K₀ - ω²M) Φ = 0,   Φᵀ M Φ = I,   V = [Φ, Ξ],   Ξ = K₀⁻¹ K₁ Φ without its share of Φ.
+        (K₀ - ω²M) Φ = 0,   Φᵀ M Φ = I,   V = [Φ, Ξ],   Ξ = K₀⁻¹ K₁ Φ without the components in Φ.
 
     Φ alone is the usual choice for brakes. It represents the response to the friction forces K₁Φ only by the modes that are
-    kept. Ξ is that response, exact at ω = 0. The basis has twice as many columns as modes, less those that depend on others.
+    kept. With Ξ this response is exact at ω = 0. The basis has two columns for each mode, minus dependent columns.
 
-    It is a second step for a system of reduced parts, whose contact surfaces are a large interface; and the only step for a
-    full system. The contact itself is not part of the result: give it to the analysis, as for the full system. It acts on the
-    same sets.
+    Use it as a second step for a system of reduced parts, whose contact surfaces are a large interface, or as the only step for
+    a full system. The result does not include the contact: give it to the analysis, as for the full system. It acts on the same
+    sets.
 
     Parameters
     ----------
@@ -41,10 +41,10 @@ class ContactModes(FreeInterface):
         Number of elastic modes of the system in contact.
     band : (lo, hi), with tol : float
         In place of `modes`: right and left vectors of the system with friction that keep every λ within the relative error `tol`,
-        if lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This is a `ParameterBox` of one value: it holds for the contacts as they are given,
-        with their μ. The number of eigenvalues is counted. ``.estimate`` has the error of each λ, and so where λ of the full
-        system is. `complex_modes` under these contacts calls a mode stable or unstable only if both agree. For other values of
-        μ take a `ParameterBox` over it, or a number of modes.
+        if lo ≤ Im λ ≤ hi and |Re λ| ≤ hi. This is a `ParameterBox` of one value: it holds for the given contacts with their μ.
+        The number of eigenvalues is counted. ``.estimate`` has the error of each λ, and hence a region that contains the λ of the
+        full system. `complex_modes` under these contacts calls a mode stable or unstable only if this holds for both λ. For other
+        values of μ use a `ParameterBox` over μ, or a number of modes.
     contacts : contact, or sequence of contacts
         `FrictionContact` or others whose stiffness is linear in the parameter.
     parameter : str
@@ -57,12 +57,12 @@ class ContactModes(FreeInterface):
     InputError, InputTypeError
         No contacts, or none with this parameter; a tolerance without friction.
     NotConvergedError
-        When it is used: no model meets the tolerance, or it cannot be excluded that the full system has further eigenvalues.
+        Raised by `reduce`: no model meets the tolerance, or the eigenvalues of the full system in the band cannot be counted.
 
     References
     ----------
-    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155 (real modes and what they miss);
-    J. M. Dickens, J. M. Nakagawa, M. J. Wittbrodt, Comput. Struct. 62 (1997) 985 (static responses beside modes).
+    N. Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1155 (real modes and their errors);
+    J. M. Dickens, J. M. Nakagawa, M. J. Wittbrodt, Comput. Struct. 62 (1997) 985 (static responses in addition to modes).
 
     Examples
     --------
@@ -85,7 +85,7 @@ class ContactModes(FreeInterface):
     key, label, colour, marker = "contact-modes", "Contact modes", "#c51b7d", "*"
     takes_cutoff = False
     mode_kind = "real"
-    judges_ports = False  # an error would be that of the system in contact
+    judges_ports = False  # the static error would hold for the system in contact, not for the system itself
     offered = False
 
     def __post_init__(self) -> None:
@@ -93,7 +93,7 @@ class ContactModes(FreeInterface):
         if not contacts_of(self.contacts):
             raise InputError("ContactModes needs the contacts of the system, e.g. contacts=[fs.FrictionContact(...)]")
         if not truth("friction", self.friction) and self.band is not None:
-            raise InputError("a tolerance is met with the friction that is given: friction=False needs a number of modes")
+            raise InputError("a tolerance includes the effect of friction: friction=False needs a number of modes")
         contacts_at(self.contacts, word("parameter", self.parameter), 0.0)
 
     @property
@@ -101,7 +101,7 @@ class ContactModes(FreeInterface):
         return self.key if self.friction else "real-modes"
 
     def title(self, modes: int) -> str:
-        """'Contact modes with 4 real modes', or what the tolerance is."""
+        """'Contact modes with 4 real modes', or 'Contact modes of 6 λ within 0.001' with a tolerance."""
         return super().title(modes) if self.goal is None else f"{self.label} of {modes} λ within {self.goal.tol:g}"
 
     def part(self, sub: Substructure) -> Rubbing:
@@ -113,16 +113,16 @@ class ContactModes(FreeInterface):
             terms.append(contact_matrix(W, C1 - C0))  # a difference of two K would take the memory of both
         K0 = pencil.K if pencil.symmetric[2] else (pencil.K + pencil.K.T) * 0.5
         whole = Substructure(sub.M, K0, None, sub.interface, sub.ports, sub.name)
-        if pencil.rigid_motion is not None:  # the contact's stiffness would be rounding in it
+        if pencil.rigid_motion is not None:  # rigid motion that remains in contact; K0 would show it only within rounding
             whole = whole._with(rigid_motion=pencil.damped_by(None).rigid_motion)
         return Rubbing(whole, slice(None), friction=sum(terms))
 
     def static_columns(self, sub: Substructure) -> int:
-        """One response to friction for each mode; the interface has no shapes of its own, however large it is."""
+        """One response to friction for each mode; interface DOF add no static shapes."""
         return (self.modes or 0) if self.friction else 0
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """No constraint modes; of the forces only those of the ports, since the others follow from the modes."""
+        """No constraint modes, and only the forces of ports: the friction forces follow later, from the modes."""
         return Statics.of(part, handle, extra, "friction response")
 
     def judged(self, sub: Substructure, contacts: Contacts) -> Pencil:
@@ -130,25 +130,25 @@ class ContactModes(FreeInterface):
         return sub.linearised([*contacts_of(self.contacts), *contacts_of(contacts)], structural=True)
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """A given number of modes, and the forces K₁Φ."""
+        """The given number of modes, and the friction forces K₁Φ."""
         part, kept = statics.part, super().kept(statics, pencil)
         assert isinstance(part, Rubbing)
         return replace(kept, forces=part.friction @ kept.shapes) if self.friction else kept
 
     @property
     def by_vectors(self) -> bool:
-        """With a tolerance."""
+        """True with a tolerance."""
         return self.goal is not None
 
     def vectors(self, request: Request) -> Basis:
-        """With a tolerance [Z, the rest]: rigid motion that the contacts leave, and vectors without a share of it, ZᵀMV = 0."""
+        """[Z, V] for a tolerance: Z is rigid motion that the contacts do not resist, V are the other vectors, ZᵀMV = 0."""
         goal, pencil, sub = self.goal, request.pencil, request.sub
         assert goal is not None and pencil is not None
         friction = [contact_matrix(W, C1 - C0) for (W, _, C1), (_, _, C0) in (
             [small_matrices(sub, one) for one in pair] for pair in
             zip(contacts_of(self.contacts), contacts_at(self.contacts, self.parameter, 0.0), strict=True))]
         K = pencil.K - sum(friction)
-        if abs(K - K.T).max() <= ROUNDING * abs(pencil.K).max():  # no other contact acts like friction
+        if abs(K - K.T).max() <= ROUNDING * abs(pencil.K).max():  # friction alone makes K unsymmetric
             K = (K + K.T) / 2
         motion = sub.floating(self.contacts)
         Z = np.zeros((sub.size, 0)) if motion is None else motion.shapes
@@ -162,11 +162,11 @@ class ContactModes(FreeInterface):
                      estimate, np.eye(V.shape[1], Z.shape[1]), Z)
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
-        """With VᵀKV of the system itself: the contact is no part of it."""
+        """The model with VᵀKV, K of the system without contact."""
         wider = replace(model.wider, part=self.part)
         if self.goal is None:
             K, motion = projected(sub.K, model.V, model.V), model.rigid_motion
-            if motion is not None:  # what moves in contact does so without it
+            if motion is not None:  # motion that is rigid in contact is also rigid without contact
                 motion = replace(motion, belong=None)  # type: ignore[type-var]
             model = replace(model, K=(K + K.T) / 2, estimated=None, rigid_motion=motion)
         model._set(wider=wider)

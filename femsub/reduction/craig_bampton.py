@@ -56,7 +56,7 @@ class CraigBampton(Method):
     held = True
 
     def part(self, sub: Substructure) -> Partition:
-        """The interior. Where the positions of the DOF show that the interface does not hold it, no factor is made."""
+        """The interior. If the positions of the DOF show that the interface does not hold the part, this is an error at once."""
         if loose := loose_by_places(sub, sub.interface):
             raise _not_held(sub, loose)
         return Partition.of(sub, self.held)
@@ -70,7 +70,7 @@ class CraigBampton(Method):
         C = zeros(sub.size, len(b), extra.shape[1] + (len(b) if self.modes is None else self.modes), forked)
         C[b, np.arange(len(b))] = 1.0
         condensed = zeros(len(b), len(b), 0, forked)
-        # a method that finds modes in its own way does so afterwards, and a system decides for all its parts
+        # a method with a `kept` of its own computes its modes later, and a system chooses the modes of all its parts together
         search = partial(self.sought, handle) if part.alone and type(self).kept is Method.kept else None
         sought = divided(_constraint_modes(handle, sub, C, condensed), len(b), forked, search)
         with handle.sharing:
@@ -87,12 +87,12 @@ def _not_held(sub: Substructure, count: int) -> InputError:
 def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) -> tuple[Array, Array]:
     """ΨᵀKΨ for the constraint modes, with exactly 0 for rigid motion; and the rigid motions of the interface (n_b, k).
 
-    Motions that the component carries are taken. Else they are found from its K:
+    If the component carries its rigid motions, these are used. Otherwise they are found from its K:
 
-    For a floating component this matrix is the small difference of large forces. If the interface just holds the component
+    For a floating component ΨᵀKΨ is the small difference of large forces. If the interface just holds the component
     (the two DOF at one end of a beam), the exact result is 0, and rounding of either sign would look like a stiffness.
-    Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct. A bare DOF, to which K gives
-    rounding at most, moves alone: its constraint mode is cleared of all else. The parts that are joined to it may hold it.
+    Two formulas for the same matrix, K_bb + K_bi Ψ and ΨᵀKΨ, show how many digits are correct. A DOF without stiffness in K
+    (beyond rounding) moves alone: all other entries of its constraint mode become 0. Parts joined later may hold this DOF.
     """
     condensed = (condensed + condensed.T) / 2
     unit = units(sub.K)[sub.interface]
@@ -111,18 +111,18 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
         constraint, unit, rows = constraint[:, own], unit[own], np.setdiff1d(np.arange(sub.size), sub.interface[loose])
     with one_thread(len(own) <= FEW):
         values, vectors = np.linalg.eigh(unit[:, None] * condensed[np.ix_(own, own)] * unit)
-    doubtful = np.flatnonzero(values <= DIGITS)  # of the scaled matrix: they may be rounding, and are examined
+    doubtful = np.flatnonzero(values <= DIGITS)  # eigenvalues of the scaled matrix that may be rounding
     # ten times the limit of rigid-body modes: constraint modes also contain the rounding of their solve
     ratio = costs(sub.K, constraint @ (unit[:, None] * vectors[:, doubtful]))[0] if len(doubtful) else doubtful
     rigid = doubtful[ratio < 10 * ROUNDING]
     block = np.ix_(own, own)
     motions = np.zeros((len(loose), len(rigid)))
-    # The forces beside those that cancel do not show which motions are rigid: a K written with few digits has as much of them in
-    # any of its modes, a long slender part that is held in its first ones, a soft spring in those that stretch it.
+    # In three cases the ratio of the force |Kx| to |K||x| does not show which motions are rigid: K was written with few digits,
+    # the part is held but long and slender, or a soft spring is stretched. Elastic modes may then have a ratio as small.
     near = ratio[ratio < 10 * ROUNDING]
     if len(doubtful) and (rounding(sub.K) > EPS or soft_springs(sub.K, rounding(sub.K)).nnz or (
             len(near) and near.max() > SUMS and not annihilates_a_translation(sub.K))):
-        Z = ShiftInvert(sub.K, sub.M, rows).rigid  # all that K says
+        Z = ShiftInvert(sub.K, sub.M, rows).rigid  # from the whole K, by subspace iteration
         motions = np.zeros((len(loose), Z.shape[1]))
         motions[own] = Z[sub.interface[own] if isinstance(rows, slice) else np.searchsorted(rows, sub.interface[own])]
         condensed[block] = without(condensed[block], motions[own], unit)
@@ -135,8 +135,8 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
     moved = np.abs(constraint @ (unit[:, None] * vectors[:, soft]))
     doubt = EPS * float(np.vdot(moved, abs(sub.K) @ moved))
     if motions.shape[1] and len(soft) and doubt > DIGITS * (share := float(values[soft[0]])):
-        warn(f"the condensed stiffness of {sub.name!r} has a motion with {share:.0e} of the stiffness around it, which "
-             f"rounding may change by {doubt:.0e}. {IN_PARTS}", ConditionWarning)
+        warn(f"the condensed stiffness of {sub.name!r} has an elastic motion with a relative stiffness of only {share:.0e}, and "
+             f"rounding may change this value by {doubt:.0e}. {IN_PARTS}", ConditionWarning)
     elif len(rigid) and not motions.shape[1]:
         lost = np.abs(constraint.T @ (sub.K @ constraint) - condensed[block]).max() / np.abs(condensed).max()
         if lost > DIGITS:
@@ -147,7 +147,7 @@ def condensed_stiffness(sub: Substructure, condensed: Array, constraint: Array) 
 
 
 def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condensed: Array) -> Callable[[slice], None]:
-    """What writes some columns of Ψ = -K_ii⁻¹K_ib into the interior rows of V, and of K_bb + K_bi Ψ into `condensed`."""
+    """A function that writes given columns of Ψ = -K_ii⁻¹K_ib into V (interior rows), and of K_bb + K_bi Ψ into `condensed`."""
     b, i, factor = sub.interface, sub.interior, handle.factor
     columns = sub.K[:, b]
 
@@ -156,7 +156,7 @@ def _constraint_modes(handle: ShiftInvert, sub: Substructure, V: Array, condense
 
     Kib, Kbb = columns[i], full(columns[b])
 
-    def solve(part: slice) -> None:  # whatever another process has left of these columns is written over
+    def solve(part: slice) -> None:  # overwrites columns that another process left unfinished
         answers = factor.solve(-full(Kib[:, part]))
         V[i, part] = answers
         condensed[:, part] = Kbb[:, part] + Kib.T @ answers

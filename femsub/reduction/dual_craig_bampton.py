@@ -15,19 +15,19 @@ from femsub.reduction.free_interface import DUST, FreeInterface, motion_by
 
 @dataclass(frozen=True)
 class DualCraigBampton(FreeInterface):
-    """Free modes, and residual responses to the interface forces, which are coordinates: [η, g].
+    """Free modes, and residual responses to the interface forces. The coordinates are [η, g], g the interface forces.
 
     u = Φ η + Ψ g with Φ = [Φ_r Φ_f] the kept free modes and Ψ (n, n_b) the residual responses to unit forces at the interface:
 
         M = diag(I, ΨᵀMΨ),   K = diag(Ω², G),   G = Ψ_b the residual flexibility at the interface (n_b, n_b).
 
-    M and K are as simple as those of Craig-Bampton, with forces in place of displacements. `couple` joins such parts by
-    g = -Bᵀλ with the joint's forces λ: the interfaces meet in the mean only, weighted with the residual flexibility. A system
-    has a negative eigenvalue or one at infinity for each λ; they are spurious. By itself the model is that of Craig-Chang.
+    M and K are as simple as in Craig-Bampton, with forces in place of displacements. `couple` joins such parts by g = -Bᵀλ with
+    the joint's forces λ. The interfaces are compatible only in the mean, weighted with the residual flexibility. A system has a
+    negative or infinite eigenvalue for each λ; these eigenvalues are spurious. A single part has the same span as in Craig-Chang.
 
-    A force whose residual response depends on those of others has no coordinate of its own, since M and K would be singular
-    together: the others represent it. The same holds for a force whose whole response the kept modes carry. With every mode kept
-    there are no coordinates g. ``.dropped`` counts such forces.
+    A force has no coordinate if its residual response depends linearly on the responses to other forces, which represent it: M
+    and K would be singular together. The same holds if the kept modes represent the whole response. With every mode kept there
+    are no coordinates g. ``.dropped`` counts such forces.
 
     Parameters
     ----------
@@ -50,17 +50,17 @@ class DualCraigBampton(FreeInterface):
     key, label, colour, marker = "dual-craig-bampton", "Dual Craig-Bampton", "#332288", "h"
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Chang, [Φ Ξ], turned: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ, which has the digits of Ξ."""
+        """The Craig-Chang basis [Φ Ξ] turned to [Φ Ψ]: Ψ = Ξ (ΞᵀKΞ)⁻¹ Ξ_bᵀ is as accurate as Ξ."""
         n_b, m = len(basis.interface), len(basis.M) - basis.kinds.count(statics.kind)
         stiffness = basis.K.diagonal()[m:]
         if not len(stiffness):
             return basis
-        residual = np.arange(len(basis.M)) >= m  # a force that moves its DOF by rounding is no soft spring
+        residual = np.arange(len(basis.M)) >= m  # an interface motion that is rounding is no residual flexibility
         basis = replace(basis, interface=np.where(residual & (np.abs(motion_by(basis)) < DUST), 0.0, basis.interface))
         at = basis.interface[:, m:].T / np.sqrt(stiffness)[:, None]  # motion at unit energy (s, n_b)
         size = np.linalg.norm(at, axis=0)
         left, R, order = la.qr(at / np.where(size > 0, size, 1.0), pivoting=True)
-        # a shape of whose energy the interface sees but rounding belongs to the ports
+        # shapes that move the interface by rounding only belong to the ports
         rank = int(np.count_nonzero(np.abs(R.diagonal()) > (512 * EPS) ** 0.5)) if size.any() else 0
         blocks, kinds = [at[:, np.sort(order[:rank])]], (FORCE,) * rank
         if statics.forces.shape[1] > n_b:  # shapes of ports, K-orthogonal to those of the interface

@@ -1,4 +1,4 @@
-"""What methods with free interfaces share: free modes, residual attachment modes, and the change to physical interface DOF."""
+"""Base class of the methods with free interfaces: free modes, residual attachment modes, and physical interface coordinates."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from femsub.reduction.method import Method
 if TYPE_CHECKING:
     from femsub.modes import ShiftInvert
 
-DUST = 64 * EPS  # share of its error bound below which an entry is rounding
+DUST = 64 * EPS  # an entry counts as rounding below this share of its bound
 
 
 @dataclass(frozen=True)
 class FreeInterface(Method):
-    """[Φ_r Φ_f Ψ]: free modes, and the static responses to interface forces less the share of the modes."""
+    """[Φ_r Φ_f Ψ]: free modes, and the static responses to interface forces without the modes' contribution."""
 
     held = False
 
@@ -40,12 +40,11 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
 
         V T = [V_J B_J⁻¹, V_I - V_J B_J⁻¹ B_I],   M → TᵀMT,   K → TᵀKT.
 
-    J are the residual shapes, as Craig and Chang (1977) do. Where these move the interface too little, since the modes have
-    left next to nothing (with every mode kept nothing at all), modes are solved for in their place: their B_J is regular,
-    and the span is the same.
+    J are the residual shapes, as in Craig and Chang (1977). If the residual flexibility in some direction is almost 0 (exactly 0
+    with every mode kept), J takes modes in place of residual shapes: B_J is then regular, and the span is the same.
 
-    `clear` is the least motion of an interface DOF, as a share of that by all shapes at unit energy, that a residual shape must
-    have of its own to be solved for.
+    A residual shape belongs to J only if its interface motion (`motion_by`), orthogonal to that of the shapes chosen before,
+    exceeds `clear`.
 
     Raises
     ------
@@ -56,7 +55,7 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
     if not len(b):
         return basis
     motion = motion_by(basis)
-    # as many columns as there are interface DOF, which they move independently: residual shapes first, by pivots
+    # choose n_b columns with independent interface motion by pivoted QR: residual shapes first
     residual = np.array([kind == statics.kind for kind in basis.kinds])
     solved = np.zeros(0, dtype=np.intp)
     for candidates, least in ((np.flatnonzero(residual), clear), (np.arange(len(residual)), EQUAL)):
@@ -75,11 +74,11 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
                          "that not all of them can be coordinates; leave DOF out of the interface that others move rigidly, or "
                          "use CraigChang")
     rest = np.setdiff1d(np.arange(len(basis.M)), solved)
-    moved = np.where(np.abs(motion) < DUST, 0.0, basis.interface)  # a massless shape that shares in a mode by rounding gets mass
+    moved = np.where(np.abs(motion) < DUST, 0.0, basis.interface)  # rounding would couple a massless shape to a mode's mass
     B = moved[:, solved]
     inverse = np.linalg.inv(B)
     inverse = _clean(inverse, np.abs(inverse) @ np.abs(B) @ np.abs(inverse))
-    # of a massless shape, which would get the mass of a rounding; the energy knows the square of the motion
+    # such a motion of a massless shape would give it a spurious mass; its energy, the square of the motion, is rounding
     faint = (np.abs(motion) < np.sqrt(EPS)) & (basis.M.diagonal() == 0)
     T = np.zeros(basis.M.shape)
     T[solved, :len(b)], T[rest, len(b) + np.arange(len(rest))] = inverse, 1.0
@@ -91,17 +90,17 @@ def recovered(basis: Basis, statics: Statics, clear: float = 1e-2) -> Basis:
 
 
 def _clean(A: Array, bound: Array) -> Array:
-    """A with 0 for rounding: else a rigid motion costs the square of a rounding in K, and is not recognised."""
+    """A with 0 in place of rounding. Otherwise rigid motion would have a strain energy, and would not be recognised."""
     return np.where(np.abs(A) < DUST * bound, 0.0, A)
 
 
 def motion_by(basis: Basis) -> Array:
-    """The motion of the interface DOF by each column at unit energy, as a share of that by all, shape (n_b, r)."""
+    """Interface displacements of each column at unit energy, shape (n_b, r), each row divided by its length."""
     stiffness, mass = basis.K.diagonal(), basis.M.diagonal()
     both = (stiffness > 0) & (mass > 0)
     strain, inertia = (float(np.einsum("ij,ij,j->", basis.interface[:, on], basis.interface[:, on], 1 / size[on]))
                        for size in (stiffness, mass) for on in (size > 0,))
-    # with neither an elastic mode nor residual mass rigid motion is taken to cost as much as strain, in any units
+    # if no column has both stiffness and mass: rigid motion and strain then move the interface equally, in any units
     lowest = float((stiffness[both] / mass[both]).min()) if both.any() else inertia / strain if strain * inertia else 1.0
     B = basis.interface / np.sqrt(stiffness + lowest * mass)
     size = np.linalg.norm(B, axis=1)

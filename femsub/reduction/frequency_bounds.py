@@ -1,14 +1,15 @@
-"""`frequency_bounds`: how far the frequencies of a Craig-Bampton model may lie below those listed, proved from small matrices.
+"""`frequency_bounds`: proved lower bounds of the full model's frequencies, from the small matrices of its Craig-Bampton model.
 
-With A = L⁻¹ML⁻ᵀ, K = LLᵀ, the 1/ω² of the full model are the eigenvalues of A. What is kept and what each step of reduction
-leaves out are orthogonal in K. On all that is left out, A ≤ σ: 1/ω_c² of a part's cut-off, the largest of parts side by side, and
-the sum over the steps of reduction. So with Θ = diag(1/ω²) of the reduced model and R, which couples its modes with the rest,
+With A = L⁻¹ML⁻ᵀ, K = LLᵀ, the 1/ω² of the full model are the eigenvalues of A. The space of the reduced model and the spaces that
+each step of reduction leaves out are orthogonal in K. On the spaces left out, A ≤ σ. For one part and one step, σ = 1/ω_c² with
+the cut-off ω_c. For several parts σ is the largest value, and for several steps the sum. With Θ = diag(1/ω²) of the reduced model
+and R, the coupling of its modes with the spaces left out,
 
     A = [[Θ, Rᵀ], [R, A_l]] ≤ [[Θ, Rᵀ], [R, σ]],   RᵀR ≤ G   give   λ_i(A) ≤ max(σ, λ_i([[Θ, G^½], [G^½, σ]])).
 
-G adds up over parts and steps. Of each it is 1/ω_c² times the inertia that the exact fixed-interface modes φ in its coordinates
-cannot represent, q_oᵀ (M_oo - M_oφ M_φφ⁻¹ M_φo) q_o. Which ones are exact shows in the matrices: the modes of all coordinates
-that leave the interface at rest, up to the cut-off. So these may be scaled and mixed at will. The full model is not needed.
+G is a sum over parts and steps. Each term is 1/ω_c² times the inertia that the exact fixed-interface modes φ of the step cannot
+represent, q_oᵀ (M_oo - M_oφ M_φφ⁻¹ M_φo) q_o. The exact modes follow from the matrices: they are the modes, up to the cut-off, of
+all coordinates that leave the interface at rest. So these coordinates may be scaled and mixed. The full model is not needed.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ class FrequencyBounds:
     rigid : int
         Rigid-body modes, which are exact.
     tally : Tally
-        The frequencies listed, and their number in the full model as the bounds prove it: the next one is higher than these.
+        The number of frequencies listed, and that of the full model, if the bounds prove that its next frequency is higher.
     full : str
-        In words, the model whose frequencies lie between the bounds, and what must hold of parts whose origin is not known.
+        In words, the model whose frequencies lie between the bounds, and the assumptions about parts of unknown origin.
 
     Examples
     --------
@@ -57,7 +58,7 @@ class FrequencyBounds:
 
     @property
     def error(self) -> Array:
-        """1 - lower/upper, shape (k,): no frequency listed is too high by more than this share of itself."""
+        """1 - lower/upper, shape (k,): the largest possible relative error of each listed frequency."""
         return 1 - self.lower / self.upper
 
     @property
@@ -74,26 +75,26 @@ class FrequencyBounds:
 def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     """Bounds of the undamped frequencies of a full model, from its Craig-Bampton model alone.
 
-    With ω_i of the reduced model, θ_i = 1/ω_i², σ and G of the module's text, for each mode i
+    With ω_i of the reduced model, θ_i = 1/ω_i², and σ and G as in the text of this module, each mode i has
 
         1/ω_i,full² ≤ λ_i([[Θ, G^½], [G^½, ν]]),   ν = θ_next + σ,   and   1/ω_i,full² ≤ θ_i + σ,
 
-    λ_i the i-th largest eigenvalue, or ν if that is larger, and θ_next the largest of the modes that are not in Θ. The smaller of
-    the two bounds holds. ω_i is never too low (minimax). In words: the error is at most about (ω/ω_c)² times the share of the
-    kinetic energy that the modes of the parts cannot represent.
+    λ_i the i-th largest eigenvalue, or ν if that is larger, and θ_next the largest θ of the modes that are not in Θ. The smaller
+    of the two bounds is used. ω_i is never too low (minimax). In words: the error is at most about (ω/ω_c)² times the share of
+    the kinetic energy that the modes of the parts cannot represent.
 
-    The full model is the one before all reductions. Each of them counts, also where a reduced system was reduced again. ``.full``
-    names it in words. Of a superelement, or of a model made by hand, femsub does not know what was left out: the words name the
-    premise then, that its cut-off is right and that there was one step of reduction. A model that is not reduced, such as the
-    matrices of a superelement read as plain ones, has the bounds of its own frequencies.
+    The full model is the model before all reductions. The bounds include every reduction, also if a reduced system was reduced
+    again. ``.full`` names the full model in words. For a superelement, or a model made by hand, femsub does not know which modes
+    were left out. ``.full`` then states the assumptions: the cut-off is right, and there was one step of reduction. For a model
+    that is not reduced, such as matrices of a superelement read as plain matrices, the bounds are those of its own frequencies.
 
-    D plays no part. Rounding is not in the bounds.
+    D has no influence. The bounds do not include rounding.
 
     Parameters
     ----------
     model : ReducedSubstructure, or System
-        By `CraigBampton` or `Hurty`, in one step or in several; of a system each part that is reduced. The cut-offs are those
-        that the reduction has counted. Coordinates with the interface at rest may be scaled and mixed.
+        Reduced by `CraigBampton` or `Hurty` in one or several steps; in a system, this holds for each reduced part. The cut-offs
+        are those that the reduction has counted. Coordinates with the interface at rest may be scaled and mixed.
     count : int
         Number of elastic frequencies, from the lowest.
 
@@ -104,9 +105,9 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     Raises
     ------
     InputError
-        A part was reduced by another method, in any of its steps, whose modes left out are not orthogonal to its shapes; its
-        constraint modes and its fixed-interface modes share stiffness; a spring acts on the inside of a reduced part; more
-        frequencies than the model has.
+        A step of reduction used another method, whose shapes are not orthogonal to the modes left out; K couples constraint modes
+        with fixed-interface modes of a part; a spring acts on the inside of a reduced part; `count` exceeds the number of
+        frequencies of the model.
 
     References
     ----------
@@ -124,7 +125,7 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
     instance("model", model, Substructure, "made by reduce or couple")
     count = whole_number("count", count, least=1)
     handle = ShiftInvert(model.K, model.M, carried=model.rigid_motion)
-    # more than are asked for: what lies above them bounds what they may be mixed with
+    # more modes than requested: θ_next becomes smaller, and the bounds become sharper
     modes = lowest_modes(handle, min(2 * count + 20, handle.elastic))
     if len(modes.eigenvalues) - modes.rigid < count:
         raise InputError(f"count={count} frequencies were asked for, but {model.name!r} has "
@@ -153,7 +154,7 @@ def frequency_bounds(model: Substructure, count: int) -> FrequencyBounds:
 
 
 def left_out(model: Substructure, q: Array) -> Origin:
-    """What all reductions of a model have left out, with its coupling G (k, k) to the motions q (r, k), as of a step after them.
+    """σ of all reductions of a model, and the coupling G (k, k) of the motions q (r, k) with the spaces left out.
 
     Raises
     ------
@@ -183,7 +184,8 @@ def left_out(model: Substructure, q: Array) -> Origin:
         limit = f"kept all its fixed-interface modes below {cutoff:.5g} rad/time" if np.isfinite(cutoff) else "lost nothing"
         origin = Origin(model.size, len(model.V), cutoff, premises=(f"{model.name!r} {limit}, in one step",))
     if origin.unbounded:
-        raise InputError(f"{model.name!r} was reduced in several steps, and of the first no bound is known: {origin.unbounded}")
+        raise InputError(f"{model.name!r} was reduced in several steps, and no bound is known for an earlier step: "
+                         f"{origin.unbounded}")
     last = origin.cutoff if origin.left_out else cutoff
     G = _coupling(model, q, last)
     return Origin(len(none), origin.dofs, np.inf, last**-2.0 + origin.left_out,
@@ -191,7 +193,7 @@ def left_out(model: Substructure, q: Array) -> Origin:
 
 
 def origin_of(sub: Substructure, V: Array, cutoff: float) -> Origin:
-    """The origin of a model with the basis V (n, r) of a component, which may be reduced itself. `cutoff` is this step's."""
+    """The origin of a model with the basis V (n, r) of a component, which may be reduced itself. `cutoff` is of this step."""
     try:
         before = left_out(sub, V)
     except InputError as error:
@@ -200,19 +202,19 @@ def origin_of(sub: Substructure, V: Array, cutoff: float) -> Origin:
 
 
 def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
-    """At least the RᵀR of the motions q (r, k) of a part with the modes that its last reduction has left out.
+    """An upper bound G of RᵀR, R the coupling of motions q (r, k) of a part with the modes that its last reduction left out.
 
-    With the interface at rest, K and M of its coordinates have modes ξ of ξᵀKξ = 1, ξᵀMξ = θ. Those with θ ≥ σ = 1/ω_c² are
-    exact: M does not couple them with z, zᵀKz = 1, that is left out. With the others it does, (zᵀMξ)² ≤ σ min(θ, σ - θ), since
-    M ≤ σK there and zᵀKξ = 0.
+    With the interface at rest, K and M of the part have modes ξ, ξᵀKξ = 1, ξᵀMξ = θ. Modes with θ ≥ σ = 1/ω_c² are exact: M does
+    not couple them with any shape z left out, zᵀKz = 1. M couples the other modes with z, but (zᵀMξ)² ≤ σ min(θ, σ - θ), since
+    M ≤ σK in this space and zᵀKξ = 0.
     """
     import scipy.linalg as la
 
     if strange := set(part.kinds) - set(HELD):
-        raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known for "
-                         "parts by CraigBampton and Hurty only: their shapes share no stiffness with the modes left out")
+        raise InputError(f"{part.name!r} ({part.method}) has coordinates of the kind {min(strange)!r}. Bounds are known only for "
+                         "parts by CraigBampton and Hurty: K does not couple their shapes with the modes left out")
     if not cutoff * cutoff > np.finfo(float).tiny:
-        raise InputError(f"the cut-off of {part.name!r} must be positive, and its square a number, but it is {cutoff}")
+        raise InputError(f"the cut-off of {part.name!r} must be positive, and its square must not be 0, but it is {cutoff}")
     sigma = cutoff**-2.0
     if not sigma:
         return np.zeros((q.shape[1],) * 2)
@@ -223,7 +225,7 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
     shared = np.abs(K[np.ix_(inner, ~inner)]) > POSITION * np.outer(unit[inner], unit[~inner])
     if shared.any():
         raise InputError(f"{part.name!r}: {int(shared.any(axis=1).sum())} coordinates that leave the interface at rest share "
-                         "stiffness with its constraint modes. Bounds are known only where they share none")
+                         "stiffness with its constraint modes. Bounds are known only without this coupling")
     try:
         theta, X = la.eigh(M[np.ix_(inner, inner)], K[np.ix_(inner, inner)], check_finite=False)
     except la.LinAlgError:
@@ -247,10 +249,10 @@ def _coupling(part: ReducedSubstructure, q: Array, cutoff: float) -> Array:
 
 
 def _worst(theta: Array, found: Origin, count: int, complete: bool) -> Array:
-    """At least the `count` largest 1/ω² of the full model; `theta` are those of the reduced one, all of them or the first.
+    """Upper bounds of the `count` largest 1/ω² of the full model. `theta` are 1/ω² of the reduced model, all or the largest.
 
-    A mode that is softer by eight digits would take them from the bounds of the others. It is left out for these: the i-th
-    largest eigenvalue of a matrix is at most the (i - 1)-th of a part with one row less.
+    Beside a mode that is softer by eight digits, the bounds of the other modes would lose these digits. The soft mode is left out
+    for the other bounds: the i-th largest eigenvalue of a matrix is at most the (i - 1)-th of a submatrix with one row less.
     """
     assert found.coupling is not None
     used, above = len(theta), found.left_out

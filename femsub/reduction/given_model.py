@@ -1,4 +1,4 @@
-"""A reduced model as anybody gives it: its matrices, faults and all, what its coordinates are, and how it moves."""
+"""A reduced model from any source, possibly with faults: its matrices, the kinds of its coordinates, and its rigid motion."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from femsub.modes import motion_of, semidefinite_frequencies
 from femsub.reduction.frequency_bounds import FrequencyBounds, frequency_bounds
 
 HELD_KIND, FREE_KINDS = "fixed-interface", ("free", "free and inertia relief")
-PHYSICAL = ("constraint", "interface")  # kinds of coordinates beside which free modes are not alone
-SPREAD = "interface mode"  # a kind that no single frequency is the cut-off of
+PHYSICAL = ("constraint", "interface")  # kinds of physical coordinates, which a basis may have in addition to free modes
+SPREAD = "interface mode"  # a kind of coordinates for which no single frequency is the cut-off
 AGREE = 1e-6  # relative difference of entries, energies and ω² of one model as two programs write them, with seven digits
-SHAPED = 1e-4  # the same of what is linear in shapes, which have half the digits of their energies, and of clusters of ω
+SHAPED = 1e-4  # the same for values linear in shapes, which have half the digits of energies, and for clusters of ω
 PRODUCTS = 256 * EPS  # rounding of sums in products with large matrices
 ENTRIES = ("M", "K", "D", "V", "kinds", "interface", "full_interface", "dofs", "cutoff", "name")
 
 
 class Mapped(NamedTuple):
-    """Rigid motions by the DOF map that the interface can distinguish: UᵀR (n_b, k), and their energies, ascending.
+    """Rigid motions R from the DOF map that are independent at the interface: UᵀR, U of `parted`; and their energies, ascending.
 
-    Energies are relative to those of single DOF; there are none where R is empty or the interface moves in shapes only. `free` is
-    the number of all motions of the interface without energy, `whole` says whether the map names all six rigid motions.
+    Energies are relative to the energies of single DOF. There are none if R is empty, or if the interface has fewer motions than
+    DOF. `free` is the number of all interface motions without energy. `whole` is True if the map has all six rigid motions.
     """
 
     at: Array
@@ -40,7 +40,7 @@ class Mapped(NamedTuple):
 
 
 class Body(NamedTuple):
-    """P (6, 6), the mass matrix of the rigid motions by the DOF map: mass, centre, relative error, and the map's extent."""
+    """P (6, 6), the mass matrix of the rigid motions from the DOF map; mass, centre, relative error, and the map's extent."""
 
     P: Array
     mass: float
@@ -51,7 +51,7 @@ class Body(NamedTuple):
 
 @dataclass(eq=False)
 class GivenModel:
-    """The matrices (r, r) of a reduced model, and what is stated of it; what is not stated is None, or NaN.
+    """The matrices (r, r) of a reduced model, and further data. Data that are not given are None, or NaN for the cut-off.
 
     `interface` are the coordinates that are interface DOF, `full_interface` the interface as rows of V (n, r), `carried` the
     rigid motion that the model carries.
@@ -76,7 +76,7 @@ class GivenModel:
         Raises
         ------
         InputError, InputTypeError
-            None of these; an entry that is unknown, or no matrix; a cut-off whose square times a mass may overflow.
+            `reduced` is of another type; an entry is unknown, or is no matrix; the square of the cut-off may overflow.
         """
         if isinstance(reduced, Mapping):
             given = checks.mapping("reduced", reduced, "names and matrices, as {'M': M, 'K': K}")
@@ -121,7 +121,7 @@ class GivenModel:
 
     @property
     def given(self) -> dict[str, Array]:
-        """The matrices that are there, by name."""
+        """The matrices that are given, by name."""
         every = {"M": self.M, "K": self.K, "D": self.D, "V": self.V}
         return {key: A for key, A in every.items() if A is not None}
 
@@ -132,14 +132,14 @@ class GivenModel:
 
     @cached_property
     def B(self) -> Array:
-        """(n_b, r) with u_b = B q; without rows where no interface is known."""
+        """B (n_b, r), u_b = B q; without rows if no interface is known."""
         if self.interface is not None and len(self.interface):
             return np.eye(self.size)[self.interface]
         return self.V[self.full_interface] if self.V is not None and self.full_interface is not None else np.zeros((0, self.size))
 
     @cached_property
     def parted(self) -> tuple[Array, Array, Array]:
-        """U (n_b, k), P (r, k) and N (r, r - k): B P = U, B N = 0, UᵀU = I. U are the motions that the interface can make."""
+        """U (n_b, k), P (r, k) and N (r, r - k): B P = U, B N = 0, UᵀU = I. U spans the possible motions of the interface."""
         if self.interface is not None and len(self.interface):
             return np.eye(len(self.interface)), np.eye(self.size)[:, self.interface], np.eye(self.size)[:, self.others]
         if not len(self.B):
@@ -152,7 +152,7 @@ class GivenModel:
 
     @cached_property
     def static(self) -> Array | None:
-        """X (r, k): the static response to motions U of the interface, B X = U; None where the inside has no firm hold."""
+        """X (r, k): the static response to motions U of the interface, B X = U; None if the interface does not hold the model."""
         _, P, N = self.parted
         if not N.shape[1]:
             return P
@@ -165,17 +165,17 @@ class GivenModel:
 
     @cached_property
     def massless(self) -> Array:
-        """Coordinates without mass, as those of MacNeal's interface."""
+        """Coordinates without mass, such as MacNeal's interface DOF."""
         return np.flatnonzero(~self.M.any(axis=0) & (self.K.diagonal() > 0))
 
     @cached_property
     def mass_rank(self) -> int:
-        """The rank of M, but for rounding."""
+        """The numerical rank of M."""
         return int(np.linalg.matrix_rank(by_diagonal(self.M), PRODUCTS, hermitian=True))
 
     @cached_property
     def projected(self) -> bool:
-        """Whether M is that of a Ritz model. MacNeal's is not: its free modes alone have mass."""
+        """Whether M is that of a Ritz model. MacNeal's M is not, since only free modes have mass in it."""
         return self.basis == "held" or self.mass_rank == self.size
 
     @property
@@ -185,7 +185,7 @@ class GivenModel:
 
     @cached_property
     def basis(self) -> str:
-        """'held' for modes of a held interface, 'free' for free ones, '' where that is not known."""
+        """'held' for fixed-interface modes, 'free' for free modes, '' if the basis is not known."""
         if self.kinds:
             if SPREAD in self.kinds:
                 return ""
@@ -201,7 +201,7 @@ class GivenModel:
 
     @cached_property
     def modal(self) -> Array:
-        """The coordinates that are modes, each with a frequency of its own: by their kinds, or those beside the interface."""
+        """The coordinates that are modes, each with its own frequency: from their kinds, or all but the interface."""
         if not self.kinds:
             return self.others if self.basis == "held" else np.zeros(0, dtype=np.intp)
         alone = self.basis == "free" and not set(self.kinds) & set(PHYSICAL)  # Hurty's rigid motions are no modes
@@ -215,38 +215,41 @@ class GivenModel:
 
     @property
     def kept_frequencies(self) -> Array:
-        """ω of the modes that the model keeps, ascending: of a free basis with its rigid motions, and what else follows them."""
+        """ω of the modes that the model keeps, ascending, for a free basis with rigid motion.
+
+        For free modes in physical coordinates these are all ω of the model: higher ω follow those of the kept modes.
+        """
         if self.basis == "held" and len(self.B) and "static port" not in self.kinds:
             N = self.parted[2]
             return semidefinite_frequencies(N.T @ self.K @ N, N.T @ self.M @ N)  # the interface at rest
         return np.sort(self.modal_frequencies) if self.basis == "held" or len(self.modal) else self.free_frequencies
 
     def energy_unit(self, K: Array, M: Array, rigid: int) -> Array:
-        """What the energy of single DOF is compared with, diag K + ω² diag M: a K that is rounding alone has no scale of its own.
+        """diag K + ω² diag M (r,), the scale for energies of single DOF. diag K alone is no scale if K is rounding only.
 
-        ω is the first frequency of the model above so many rigid motions.
+        ω is the first frequency of the model above `rigid` rigid motions.
         """
         omega = self.free_frequencies
         return np.abs(K.diagonal()) + float(omega[min(rigid, len(omega) - 1)] ** 2 if len(omega) else 0.0) * M.diagonal()
 
     @cached_property
     def free_frequencies(self) -> Array:
-        """ω of the model by itself, rigid motion and rounding as 0."""
+        """ω of the model with its interface free; rigid motion and rounding count as 0."""
         return semidefinite_frequencies(self.K, self.M)
 
     @property
     def elastic_frequencies(self) -> Array:
-        """Those above 1e-4 of the highest: what lies below is rigid motion, but for rounding."""
+        """The `free_frequencies` above 1e-4 of the highest one. Lower values are rigid motion with rounding."""
         return self.free_frequencies[self.free_frequencies > SHAPED * self.free_frequencies.max(initial=0.0)]
 
     def strain(self, q: Array) -> float:
-        """The largest qᵀKq of the columns of q, over the energy of the single coordinates."""
+        """The largest qᵀKq of the columns of q, relative to the energy of the single coordinates."""
         whole = q.T**2 @ self.energy_unit(self.K, self.M, q.shape[1])
         return float((np.abs(np.einsum("ij,ij->j", q, self.K @ q)) / np.where(whole > 0, whole, 1.0)).max(initial=0.0))
 
     @cached_property
     def mapped(self) -> Mapped | None:
-        """The rigid motions that the DOF map of the interface names, and their energies; None without a map."""
+        """The rigid motions from the DOF map of the interface, and their energies; None without a map."""
         if self.dofs is None or self.static is None or not len(self.B):
             return None
         dofs, U, X = self.dofs, self.parted[0], self.static
@@ -275,9 +278,10 @@ class GivenModel:
 
     @cached_property
     def body(self) -> Body | None:
-        """The mass matrix of the six rigid motions by the DOF map, if all are free.
+        """The mass matrix of the six rigid motions from the DOF map; None unless all six are free.
 
-        How far it is from [[m I, -m c×], [m c×, J]] of a rigid body, relative, with J about the centre c a sum of masses.
+        `wrong` is its relative difference from [[m I, -m c×], [m c×, J]] of a rigid body. J about the centre c must be possible
+        for a body: no principal moment is negative, or larger than the sum of the other two.
         """
         found = self.mapped
         if found is None or not found.whole or len(found.energy) != 6 or (found.energy > EQUAL).any():
@@ -298,7 +302,7 @@ class GivenModel:
         return Body(P, m, c + self.dofs.points.mean(axis=0), float(max(wrong)), length)
 
     def frequency_bounds(self, count: int) -> FrequencyBounds:
-        """Bounds of so many frequencies of the full model, by the small matrices and the cut-off; see `frequency_bounds`."""
+        """Bounds of `count` frequencies of the full model, from the small matrices and the cut-off; see `frequency_bounds`."""
         kinds = np.full(self.size, "constraint", dtype=object)
         kinds[self.modal] = HELD_KIND
         M, K = ((A + A.T) / 2 for A in (self.M, self.K))
@@ -309,7 +313,7 @@ class GivenModel:
 
 
 def coupling(A: Array, some: Array, others: Array) -> float:
-    """The largest |a_ij| / √(a_ii a_jj) between some coordinates and others."""
+    """The largest |a_ij| / √(a_ii a_jj), i among the coordinates `some` and j among `others`."""
     return float(np.abs(by_diagonal(A)[np.ix_(some, others)]).max(initial=0.0))
 
 

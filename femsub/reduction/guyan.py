@@ -26,8 +26,8 @@ class Guyan(CraigBampton):
     Parameters
     ----------
     modes : int, optional
-        Number of master DOF besides the interface, by default none. Masters are not modes, but the same number of coordinates.
-        They are the DOF at which as many fixed-interface modes can be distinguished best (pivoted QR, in units of
+        Number of master DOF besides the interface, by default none. Each master adds one coordinate, as a mode would. Masters
+        are the DOF at which the same number of fixed-interface modes can be distinguished best (pivoted QR, in units of
         sqrt(m_ii)). To choose masters yourself, put them into the interface.
     band : (lo, hi), with tol : float
         Check that condensation onto the interface is within `tol` in the band. A `NotConvergedError` says how many modes
@@ -74,7 +74,7 @@ class Guyan(CraigBampton):
         return replace(Partition.of(more, True), factorisations=found.factorisations)
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
-        """No modes, unless a band and a tolerance decide."""
+        """No modes; None with a band and a tolerance."""
         return lowest(handle, 0) if self.band is None else None
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:

@@ -24,8 +24,8 @@ class Herting(CraigBampton):
     - the elastic free modes without their static part, φ_i - Ψφ_b = ω² K_ii⁻¹ (Mφ)_i,
     - the inertia relief shapes of a floating part, K_ii⁻¹ (MΦ_r)_i: the interior's response to rigid acceleration.
 
-    The interface is physical. The span is that of Craig-Chang and Rubin, since a response to interface forces is one to
-    interface displacements (and to rigid acceleration in a floating part). The computation differs: it uses the factor of
+    The interface is physical. The span is that of Craig-Chang and Rubin, since a response to interface forces is also a response
+    to interface displacements (and to rigid acceleration in a floating part). The computation differs: it uses the factor of
     K_ii and inverts no residual flexibility. X is made M-orthonormal and K-orthogonal. Dependent columns are dropped and
     counted. Herting's paper does not prescribe the modes. With fixed-interface modes and without inertia relief the method
     is Craig-Bampton.
@@ -38,7 +38,7 @@ class Herting(CraigBampton):
     Raises
     ------
     InputError
-        A band and a tolerance: there is no estimate. No interface, or one that does not hold the part.
+        A band and a tolerance are given, but there is no estimate. The interface is empty, or does not hold the part.
 
     References
     ----------
@@ -54,14 +54,14 @@ class Herting(CraigBampton):
     key, label, colour, marker = "herting", "Herting", "#e69f00", "p"
     takes_cutoff = False
     mode_kind = "free"
-    unestimated = "its modes and its static shapes are those of two problems; use Rubin, which spans the same space"
+    unestimated = "its modes have a free and its static shapes a fixed interface; use Rubin, which spans the same space"
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """Those of Craig-Bampton."""
+        """The constraint modes of Craig-Bampton."""
         return replace(super().statics(part, handle, extra), kind="free and inertia relief")
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """Free modes of the whole part, of which the responses to (MΦ)_i join the basis. The cut-off is that of the next one."""
+        """Free modes Φ of the whole part. The responses to (MΦ)_i join the basis. The next free mode gives the cut-off."""
         assert self.modes is not None
         sub = statics.part.sub
         if not len(sub.interface):

@@ -15,14 +15,15 @@ from femsub.reduction.craig_bampton import CraigBampton
 class Hurty(CraigBampton):
     """Constraint modes split into rigid-body modes and redundant constraint modes, with fixed-interface modes.
 
-    The interface is b = (r, c). The DOF r just hold the part; the DOF c are redundant. V = [Φ_R Ψ_c Φ]. Φ_R (n, n_r) are
-    rigid motions that move one DOF of r by 1. Ψ_c (n, n_c) are static shapes that move one DOF of c by 1, with all of r and
-    the rest of c fixed. Φ are the fixed-interface modes:
+    The interface is b = (r, c). The DOF r are just enough to hold the part; the DOF c are redundant. V = [Φ_R Ψ_c Φ]. Φ_R
+    (n, n_r) are rigid motions that move one DOF of r by 1. Ψ_c (n, n_c) are static shapes that move one DOF of c by 1, with all
+    of r and the other DOF of c fixed. Φ are the fixed-interface modes:
 
         Φ_R = Ψ_r + Ψ_c R,   R (n_c, n_r) the rigid motion at c, Ψ = [Ψ_r Ψ_c] the constraint modes of Craig-Bampton.
 
     The span is that of Craig-Bampton. K is exactly 0 for Φ_R, which is what Hurty wanted for parts that move in space. The
-    interface is not physical then: u_c = R q_R + q_c. A part that is held by its supports has no Φ_R, and the two are one.
+    interface is not physical then: u_c = R q_R + q_c. A part that is held by its supports has no Φ_R. The model is then that of
+    Craig-Bampton.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ class Hurty(CraigBampton):
     key, label, colour, marker = "hurty", "Hurty", "#661100", "P"
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Bampton, with rigid motions in place of the DOF that just hold the part."""
+        """Craig-Bampton's coordinates, with rigid motions in place of the interface DOF r."""
         n_b, n_r = len(statics.condensed), 0 if statics.rigid is None else statics.rigid.shape[1]
         if statics.rigid is None or not n_r:
             return basis

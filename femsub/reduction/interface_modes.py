@@ -22,30 +22,30 @@ from femsub.reduction.estimates.nested import JOINED_RESIDUAL
 from femsub.reduction.method import Method
 
 KIND, INSIDE = "interface mode", "interior"  # labels of the coordinates
-EXACT = 4096 * EPS  # share of a rigid motion beside others that is rounding: without the rest a floating system would be held
+EXACT = 4096 * EPS  # part of a rigid motion that counts as rounding; without a larger part, a floating system would be held
 
 
 @dataclass(frozen=True)
 class InterfaceModes(Method):
     """Interface reduction: the lowest modes of the statically condensed interface (characteristic constraint modes).
 
-    The coordinates x of a system of reduced parts are those of the interface, b, and the modal ones of the parts, i. With
-    S = -K_ii⁻¹ K_ib, what the interior does when the interface moves slowly,
+    A system of reduced parts has interface coordinates b and the modal coordinates i of the parts. With S = -K_ii⁻¹ K_ib, the
+    static response of the modal coordinates to interface displacements,
 
         K_c = K_bb + K_bi S,   M_c = [S; I]ᵀ M [S; I],   (K_c - ω²M_c) φ = 0,   φᵀ M_c φ = 1,
         V = [[I, S Φ], [0, Φ]],   V (n, n_i + m),
 
-    in the order (i, b). All n_i interior coordinates stay. The interface keeps m of its n_b.
+    in the order (i, b). All n_i modal coordinates stay. m coordinates replace the n_b interface coordinates.
 
-    The interface is every interface DOF of the parts: those that are joined, each once, and those that are open. For
-    Craig-Bampton parts it shares no stiffness with the modes (S = 0). For parts with free modes (Rubin, Craig-Chang) it
-    does. There the modes of K_bb and M_bb alone would be those of the residual flexibility, and useless. Where the interface is
-    spread over generalised coordinates, these are turned first, so that some of them are the interface.
+    The interface consists of all interface DOF of the parts: joined DOF, each once, and open DOF. For Craig-Bampton parts, K does
+    not couple it with the modes (S = 0). For parts with free modes (Rubin, Craig-Chang) it does. The modes of K_bb and M_bb alone
+    would then be modes of the residual flexibility, and useless. If interface displacements are combinations of generalised
+    coordinates, these are transformed first, so that some of them belong to the interface alone.
 
     The result's ``.expand(q)`` gives the coordinates of the system, and ``system.expand(small.expand(q))`` the displacements
-    of each part. An interface that is left open is no longer a set of coordinates, as with `CraigChang`.
+    of each part. Open interface DOF are no longer coordinates, as with `CraigChang`.
 
-    A reduced part is reduced further in the same way (local level). ``.expand(q)`` gives its displacements then. In
+    A reduced part is reduced further in the same way (local level). ``.expand(q)`` then gives its displacements. In
     ``reduce(system, {"disc": InterfaceModes(20), "pad": InterfaceModes(20)})`` parts that meet share the shapes of both.
 
     Parameters
@@ -53,8 +53,8 @@ class InterfaceModes(Method):
     modes : int
         Number m of interface modes; the rigid-body modes of a floating system are added to them.
     band : (lo, hi), with tol : float
-        Instead of `modes`: as few as keep every mode of the system in the band within the relative error `tol`; see `reduce`.
-        The error is that of the interface reduction alone, against the system as it was.
+        Instead of `modes`: the fewest modes that keep every mode of the system in the band within the relative error `tol`; see
+        `reduce`. The error is that of the interface reduction alone, compared with the system before it.
 
     Raises
     ------
@@ -64,8 +64,8 @@ class InterfaceModes(Method):
 
     Notes
     -----
-    The modes are the lowest ones by a sparse eigensolver, never all of them. Of n_b = 3,000 it takes the time of a few dense
-    products. With a tolerance, dense eigenproblems of 2 n_i + m coordinates are solved, some ten times.
+    A sparse eigensolver computes only the lowest modes. For n_b = 3,000 it takes as long as a few dense products. With a
+    tolerance, dense eigenproblems of 2 n_i + m coordinates are solved, some ten times.
 
     References
     ----------
@@ -96,9 +96,10 @@ class InterfaceModes(Method):
         return f"{modes} interface modes"
 
     def part(self, sub: Substructure) -> Partition:
-        """The interface with the interior held, in coordinates that share no stiffness.
+        """The interface with the interior held, in coordinates that K does not couple.
 
-        It is the interior of this partition, and what stays is its "interface": Craig-Bampton with the roles exchanged.
+        Compared with Craig-Bampton, the roles are exchanged: the interface is the interior of this partition, and the kept
+        interior coordinates are its "interface".
         """
         if isinstance(sub, System) and sub.assembly == "dual":
             raise InputError(f"{sub.name!r} is of dual assembly, where K is indefinite; couple the parts with assembly='primal'")
@@ -120,11 +121,11 @@ class InterfaceModes(Method):
         return Partition(Substructure(M, K, D, i, ports, sub.name), b, turn=turn)
 
     def static_columns(self, sub: Substructure) -> int:
-        """The coordinates that are kept as they are: those beside the interface."""
+        """The number of interior coordinates, all of which are kept."""
         return min(sub.size - len(_turned(sub)[1]), DENSE)  # `part` refuses more
 
     def statics(self, part: Partition, handle: ShiftInvert, extra: Array) -> Statics:
-        """The interior coordinates as they are, and the port columns whose static responses join the basis."""
+        """The interior coordinates, unchanged, and the port columns whose static responses join the basis."""
         sub, i = part.sub, part.sub.interface
         if self.modes is not None and self.modes > handle.elastic:
             beside = f" beside {handle.rigid.shape[1]} rigid-body modes" if handle.floating else ""
@@ -135,16 +136,15 @@ class InterfaceModes(Method):
         return Statics(part, handle, C, square(sub.K, i), extra[part.rows], "static port")
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Bampton, with the labels that belong to them here."""
+        """The basis unchanged, except that the constraint columns are labelled as interior coordinates."""
         inside = statics.constraint.shape[1]
         return replace(basis, kinds=(INSIDE,) * inside + basis.kinds[inside:])
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
-        """Of a reduced part: with V from the displacements of the full part, and its DOF numbers, as joints name them."""
+        """The model, with rounding added to its estimate. For a reduced part, V and the DOF numbers refer to the full part."""
         if (known := model.estimate) is not None:
-            # with what one rounding in each entry of K does to ω and λ of the model. It is much where a stiff part that floats is
-            # joined to a soft one. In the coordinates that the modes are computed in, the interface shares no stiffness, and this
-            # rounding does not show
+            # adds the effect on ω and λ of a relative perturbation EPS in each entry of K. It is large if a floating stiff part
+            # is joined to a soft one. The coordinates in which the modes are computed are uncoupled, and hide this rounding
             modes = all_modes(model.K, model.M, JOINED_RESIDUAL, model.rigid_motion)
             omega, x = modes.elastic, np.abs(model.V @ modes.shapes[:, modes.rigid:])
             if len(omega):
@@ -174,10 +174,10 @@ def _rows(sub: Substructure) -> Matrix:
 
 
 def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
-    """T (n, n), x = T z, or None for the identity, and the places in z that are the interface: with them at 0, B x = 0.
+    """T (n, n), x = T z, or None for the identity, and the indices in z of the interface: with these z = 0, B x = 0.
 
     A coordinate that is an interface DOF stays. Where B mixes generalised coordinates, z are orthonormal combinations of them in
-    units of energy: first those of the row space of B, which move the interface, then those of its null space.
+    units of energy: first a basis of the row space of B, which moves the interface, then a basis of the null space.
     """
     import scipy.linalg as la
 
@@ -203,9 +203,9 @@ def _turned(sub: Substructure) -> tuple[Matrix | None, Array]:
 
 
 def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
-    """K in coordinates (interior, interface) that share no stiffness, and T (n, n) with x = T z: [[I, S], [0, I]].
+    """K in coordinates (interior, interface) that it does not couple, and T (n, n) with x = T z: [[I, S], [0, I]].
 
-    Rigid motion of the interior beside its interface (a part on one hinge) needs no force, and S has none of it.
+    If the interior can move rigidly with the interface fixed (a part on one hinge), S contains none of this motion.
     """
     i, b, n = sub.interior, sub.interface, sub.size
     loads = sub.K[i][:, b]
@@ -223,9 +223,9 @@ def _uncoupled(sub: Substructure) -> tuple[Array, Matrix]:
 def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]) -> dict[str, ReducedSubstructure]:
     """Parts whose interfaces were reduced one by one, with common shapes where they meet, so that they can be joined again.
 
-    Coordinates of the system that the same parts move are one group, as those of an edge. In each group every part gets the
-    shapes of all the parts that meet there. If one part alone was reduced nothing changes: its neighbours have their whole
-    interface, and follow it.
+    System coordinates that belong to the same parts form one group, for example those of an edge. In each group every part gets
+    the shapes of all parts that meet there. If only one part was reduced, nothing changes: its neighbours keep all interface DOF,
+    and follow its shapes.
 
     References
     ----------
@@ -256,7 +256,7 @@ def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]
     blocks: list[tuple[Array, Array, Array]] = []
     for group in (np.flatnonzero(signature == one) for one in np.unique(signature[member.any(axis=1)])):
         meets, size = member[group[0]], unit[group, None]
-        # where others contain a shape but for rounding of its energy, it is no shape of its own
+        # a shape is dropped if other shapes represent it except for a rounding of its energy
         met = np.hstack([found[group] for found, one in zip(shapes, meets, strict=True) if one])
         blocks.append((group, meets, size * _orthonormal((whole[group] / size, EXACT), (met, ROUNDING**0.5))))
     return dict(models) | {name: _in_shapes(
@@ -265,7 +265,7 @@ def with_common_shapes(system: System, models: Mapping[str, ReducedSubstructure]
 
 
 def _orthonormal(*stages: tuple[Array, float]) -> Array:
-    """Orthonormal columns that span the columns (n, k) of each stage, but for shares below its limit beside earlier stages."""
+    """Orthonormal columns that span the columns (n, k) of all stages; new directions of a stage below its limit are dropped."""
     basis = np.zeros((len(stages[0][0]), 0))
     for columns, least in stages:
         found = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)

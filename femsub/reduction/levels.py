@@ -1,7 +1,7 @@
 """`reduce_by_levels`: parts made, reduced and freed one by one in workers, then joined and reduced pair by pair.
 
-No process holds more than one part, or two reduced ones. Each result is a folder of its own, so that a run that was killed goes
-on with what is done.
+No process holds more than one part, or two reduced parts. Each result has a folder of its own, so that a run that was killed can
+continue from the results that exist.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ log = logging.getLogger(__name__)
 
 Recipe: TypeAlias = Callable[[], Substructure]
 UNFINISHED = ".unfinished"  # ending of a folder that is being written
-MODEL, TASK = "model", "task"  # in the folder of a task
+MODEL, TASK = "model", "task"  # files in the folder of a task
 JOINED = "+"  # in the names of sets that parts share, as 'p1+p2'
 ADVICE = "Call reduce_by_levels again with the same arguments: it continues from the finished parts"
 ROOM = f"Make room there. {ADVICE}. Or name another folder"
-FORM = 3  # of the folders; those of another form are made anew
+FORM = 3  # version of the folders' format; results in another format are computed again
 
 
 @dataclass(frozen=True, repr=False)
 class Task:
-    """What one worker has done: a part reduced, or two of them joined and reduced.
+    """The record of one result of a worker: a reduced part, or two earlier results that were joined and reduced.
 
     Attributes
     ----------
     name : str
     level : int
-        0 for a part; 1 and more for two that were joined.
+        0 for a part; 1 or more for two joined results.
     below : tuple of str
-        The two that were joined; empty for a part.
+        The names of the two results that were joined; empty for a part.
     parts : tuple of str
-        All parts within.
+        The names of all parts in the result.
     sets : mapping of str to int
         The open interface: its named sets, each with its number of DOF.
     size, reduced_to, modes : int
-        Coordinates before and after the reduction, and the fixed-interface modes among them.
+        Numbers of coordinates before and after the reduction, and of fixed-interface modes among them.
     cutoff : float
         No mode that was left out lies below this frequency, in radians per unit of time.
     seconds : float
-        From the beginning of the task to its files.
+        From the start of the task until its files are written.
     memory : float
-        Bytes: the most that the worker's process had taken by then.
+        Peak memory of the worker's process until then, in bytes.
     bytes : float
         The size of its files, which the next level reads.
     key : str
-        A hash of all that the result depends on.
+        A hash of all inputs of the result.
     files : mapping of str to (int, str)
-        The size and the hash of each of its files, with which they are compared before they are used.
+        The size and the hash of each of its files, which are checked before the files are used.
     """
 
     name: str
@@ -100,12 +100,12 @@ class Levels:
     Attributes
     ----------
     model : System
-        Of the last two that were joined. Its ports are those of the parts, as 'p7.belt'. Its interface are their sets without a
-        '+', as 'p7.end'.
+        The last two results, joined. Its ports are the ports of the parts, named as 'p7.belt'. Its interface consists of the
+        parts' sets without a '+', named as 'p7.end'.
     tasks : mapping of str to Task
-        What was done, level by level.
+        The records of all results, level by level.
     recipes : mapping of str to callable
-        The parts, as they were given.
+        The functions that make the parts, as given.
     folder : Path
 
     Examples
@@ -134,29 +134,29 @@ class Levels:
 
     @property
     def memory(self) -> float:
-        """Bytes: the most that a process took, be it a worker or the one that joined the last two."""
+        """Largest peak memory of a process, in bytes: of a worker, or of the process that joined the last two results."""
         return max(task.memory for task in self.tasks.values())
 
     def bounds(self, count: int) -> FrequencyBounds:
-        """`frequency_bounds` of the whole, of which no full model exists: all steps of reduction count."""
+        """`frequency_bounds` of the whole model, with all steps of reduction included. No full model is needed."""
         return frequency_bounds(self.model, count)
 
     def expand(self, x: Array, names: Sequence[str] | None = None) -> Iterator[tuple[str, Array]]:
         """The displacements of one part after the other, (name, u), from coordinates x of the model, shape (n,) or (n, k).
 
-        Each part is made and factorised again, since its shapes are not kept. `names` are the parts wanted; default all.
+        Each part is made and factorised again, since its constraint modes are not stored. `names` selects parts; default all.
 
         Raises
         ------
         InputError
-            Another shape of x; an unknown part; a file of the folder that is not as it was written.
+            x has the wrong number of rows; a part is unknown; a file of the folder is not as it was written.
         """
         for name in names or ():
             choice("part", name, self.recipes)
         x = np.asarray(x)
         if x.ndim == 0 or x.shape[0] != self.model.size:
             raise InputError(f"x must have {self.model.size} rows, one per coordinate, but its shape is {x.shape}")
-        # from the last task down to the parts, each with its own coordinates q (r, k) in these motions of the model
+        # from the last task down to the parts, each with its coordinates q (r, k)
         waiting = [(name, self.model.L[rows] @ x.reshape(len(x), -1)) for name, rows in
                    zip(self.model.parts, rows_of_parts(self.model.parts), strict=True)]
         while waiting:
@@ -170,7 +170,7 @@ class Levels:
                 if part.size != task.size or _lengths(part) != task.sets:
                     raise InputError(f"the function of the part {name!r} makes another component now, of {part.size} DOF "
                                      f"instead of {task.size}, or with another interface. Delete {self.folder} and reduce again")
-                # constraint modes by a solve, the other shapes as they were kept
+                # constraint modes by a new solve, the other shapes as stored
                 n_b, u = len(part.interface), np.zeros((part.size, q.shape[1]))
                 u[part.interface] = q[:n_b]
                 if len(part.interior):
@@ -187,43 +187,44 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
     Level 0 reduces each part to its interface and its fixed-interface modes. Each further level joins the results in
     pairs:
 
-        (M, K)_ab = Lᵀ diag(M_a, M_b) L, Lᵀ diag(K_a, K_b) L;   what a and b alone share is interior now: V = [[I, 0], [Ψ, Φ]].
+        (M, K)_ab = Lᵀ diag(M_a, M_b) L, Lᵀ diag(K_a, K_b) L;   DOF that only a and b share become interior: V = [[I, 0], [Ψ, Φ]].
 
-    So each joint is reduced where it closes, with all else held, and the interface as a whole is never in one matrix. The
-    last two are joined to the model. This is automated multi-level substructuring with parts in place of a matrix's ordering.
+    So each joint is reduced at the level where it closes, with all other interfaces held. No matrix contains the whole interface.
+    The last two results are joined to the model. This is automated multi-level substructuring with parts in place of a matrix's
+    ordering.
 
-    Interface sets with a '+' in their name, as 'p1+p2', are joined with those of the same name, DOF by DOF where they meet. Such
-    a set is all that these parts, and no others, share. All other sets stay open.
+    Interface sets with a '+' in their name, as 'p1+p2', are joined with sets of the same name, DOF by DOF where they meet. Such
+    a set has all DOF that these parts, and no others, share. All other sets stay open.
 
     Parameters
     ----------
     parts : mapping of str to callable
-        For each part a function without arguments that makes its `Substructure`, or a `functools.partial` of one. Pickle must
-        take it. `cut_to_files` makes these from a mesh. A part is made in its worker, and again by ``expand``.
+        For each part a function without arguments that makes its `Substructure`, or a `functools.partial` of a function. Pickle
+        must accept it. `cut_to_files` makes such functions from a mesh. A worker makes the part, and ``expand`` makes it again.
     method : CraigBampton
         The same at all levels. ``CraigBampton(cutoff=...)`` keeps all modes below a frequency in radians per unit of time: take
-        some 5 to 10 times the highest of interest.
+        some 5 to 10 times the highest frequency of interest.
     folder : str or Path
-        For the result of each step. Results of an earlier run with the same parts and method are reused; the rest is computed.
-        Each file is compared with its hash first. A warning names one that is damaged, and its step is repeated.
-        A function is known by its name and arguments: delete the folder if you change its code. The processes of an executor must
-        see it. It is read by pickle: name no folder of somebody you do not trust.
+        For the result of each step. Results of an earlier run with the same parts and method are reused; all others are computed.
+        Each file is compared with its hash first. A warning names a damaged file, and its step is repeated. A function is
+        identified by its name and arguments: delete the folder if you change its code. The processes of an executor must have
+        access to the folder. Its files are read by pickle: do not use a folder of somebody you do not trust.
     workers, executor
-        As of `reduce`.
+        As in `reduce`.
 
     Returns
     -------
     Levels
-        ``.model``, ``.bounds(count)`` of its frequencies, ``.expand(x)``, and what each step took.
+        ``.model``, ``.bounds(count)`` of its frequencies, ``.expand(x)``, and time and memory of each step in ``.tasks``.
 
     Raises
     ------
     InputError, InputTypeError
-        Parts that share no set with the others, another method, what is no Substructure, a folder in which another run works.
+        A part shares no set with the others; another method; a function returns no Substructure; another run uses the folder.
     NotEnoughMemoryError
-        The folder has no room for a result. With more room the same call goes on from there.
+        The folder has no room for a result. With more room the same call continues from there.
     WorkerError
-        A worker process died or ran out of memory. The same call goes on from there.
+        A worker process died or ran out of memory. The same call continues from there.
 
     Notes
     -----
@@ -247,7 +248,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
             raise InputError(f"the name of a part is that of a folder, without '.', '/', '~' and spaces, but one is {name!r}")
         if not callable(recipe):
             raise InputTypeError(f"the part {name!r} must be a function without arguments that makes a Substructure, not "
-                                 f"{type(recipe).__name__}. A Substructure that is there is reduced by reduce")
+                                 f"{type(recipe).__name__}. Reduce an existing Substructure by reduce")
     if len(parts) < 2:
         raise InputError(f"parts must be two or more, but there are {len(parts)}; reduce takes one")
     if type(instance("method", method, CraigBampton)) is not CraigBampton or method.band is not None:
@@ -271,7 +272,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
             jobs = {}
             for pair in _pairs(there):
                 closing = _closing(pair, there)
-                # a task that is made anew may have other signs of its modes
+                # the files belong to the key: modes may have other signs if a task is computed again
                 content = [repr((task.name, task.key, sorted(task.files.items()))) for task in pair]
                 jobs["~".join((pair[0].parts[0], pair[1].parts[0], str(level)))] = (
                     _key(*content, closing, level, method), pair, closing, level, method)
@@ -289,7 +290,7 @@ def reduce_by_levels(parts: Mapping[str, Recipe], method: CraigBampton, folder: 
 
 
 def _key(*what: object) -> str:
-    """A hash of what a result depends on."""
+    """A hash of all inputs of a result."""
     try:
         return hashlib.sha256(pickle.dumps((FORM, *what), protocol=5)).hexdigest()
     except Exception as error:
@@ -299,7 +300,7 @@ def _key(*what: object) -> str:
 
 def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any, ...]], what: str, workers: int | None,
           executor: Executor | None) -> dict[str, Task]:
-    """The tasks of one level: those that an earlier run has done, and the others by workers. A job begins with its key."""
+    """The tasks of one level: from an earlier run if there, otherwise from workers. The first entry of a job is its key."""
     found = {name: task for name, (key, *_) in jobs.items() if (task := _earlier(folder, name, key, what)) is not None}
     if found:
         log.info("%d of %d %ss are there from an earlier run", len(found), len(jobs), what)
@@ -310,7 +311,7 @@ def _done(folder: Path, call: Callable[..., Task], jobs: Mapping[str, tuple[Any,
 
 
 def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
-    """The task of an earlier run with this key, whose files are all as it wrote them; else None. A damaged one is named."""
+    """The task of an earlier run with this key, if its files are unchanged; otherwise None. Warns of damaged files."""
     if not ((folder / name).exists() or (folder / name).is_symlink()):
         return None
     try:
@@ -324,7 +325,7 @@ def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
         raise
     except Exception as error:  # a pickle of another version may raise anything
         if isinstance(error, OSError) and not isinstance(error, (FileNotFoundError, IsADirectoryError, NotADirectoryError)):
-            raise _unread(folder / name, error) from None  # no file handle or a failing disk: the result itself may be whole
+            raise _unread(folder / name, error) from None  # no free file handle, or a failing disk: the result may be intact
         why = error if isinstance(error, DamagedFileError) else f"{folder / name} is damaged ({type(error).__name__}: {error})"
         warn(f"{why}. The {what} {name!r} is made anew")
         return None
@@ -332,7 +333,7 @@ def _earlier(folder: Path, name: str, key: str, what: str) -> Task | None:
 
 
 def _read(folder: Path, task: Task) -> dict[str, Any]:
-    """What the folder of a task holds, whose files are compared with those that the task wrote."""
+    """The contents of a task's folder, after a check that its files are as the task wrote them."""
     try:
         found: dict[str, Any] = load(folder / task.name, task.files)
     except DamagedFileError as error:
@@ -347,15 +348,15 @@ def _unread(path: Path, error: OSError) -> InputError:
 
 
 def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
-    """Which are joined next: those that share most, and of these the smaller ones; each is in one pair at most."""
+    """The pairs to join next: first pairs that share most DOF, and among these the smaller ones. Each task is in at most one."""
     found = []
     for one, other in combinations(tasks, 2):
         if shared := sum(one.sets[key] for key in _shared(one, other)):
             found.append((-shared, len(one.parts) + len(other.parts), one, other))
     met = {task.name for *_, one, other in found for task in (one, other)}
     if lost := [task for task in tasks if task.name not in met]:
-        raise InputError(f"{lost[0].parts[0]!r} shares no interface set with the other parts. Those that are joined have one "
-                         f"name, as 'p1+p2', and those of {lost[0].parts[0]!r} are "
+        raise InputError(f"{lost[0].parts[0]!r} shares no interface set with the other parts. Sets that are joined have the same "
+                         f"name in both parts, as 'p1+p2'. The sets of {lost[0].parts[0]!r} are "
                          f"{', '.join(map(repr, lost[0].sets)) or 'none'}")
     pairs: list[tuple[Task, Task]] = []
     taken: set[str] = set()
@@ -367,18 +368,18 @@ def _pairs(tasks: Sequence[Task]) -> list[tuple[Task, Task]]:
 
 
 def _shared(one: Task, other: Task) -> list[str]:
-    """The sets at which two are joined."""
+    """The sets at which two tasks are joined."""
     return [key for key in one.sets if JOINED in key and key in other.sets]
 
 
 def _closing(pair: Sequence[Task], there: Sequence[Task]) -> tuple[str, ...]:
-    """The sets of two that become interior when they are joined: those that none of the others that are there has."""
+    """The sets that become interior when two tasks are joined: common sets that no other task has."""
     others = {key for task in there if task not in pair for key in task.sets}
     return tuple(key for key in _shared(*pair) if key not in others)
 
 
 def _joined(folder: Path, name: str, pair: Sequence[Task], closing: Sequence[str]) -> System:
-    """Two reduced ones joined at the sets that both have. All but the `closing` sets are the interface, under their own names."""
+    """Two reduced models joined at their common sets. All sets but the `closing` ones form the interface and keep their names."""
     models = {task.name: _read(folder, task)[MODEL] for task in pair}
     one, other = pair
     joints = [Rigid((one.name, key), (other.name, key), name=key) for key in _shared(one, other)]
@@ -390,7 +391,7 @@ def _joined(folder: Path, name: str, pair: Sequence[Task], closing: Sequence[str
 
 
 def _named(task: Task, key: str) -> str:
-    """'p7.belt' for 'belt' of the part p7; what was joined has such names already."""
+    """'p7.belt' for 'belt' of the part p7; joined results have such names already."""
     return key if task.below else f"{task.name}.{key}"
 
 
@@ -399,7 +400,7 @@ def _lengths(sub: Substructure) -> dict[str, int]:
 
 
 def _reduced_part(folder: Path, name: str, key: str, recipe: Recipe, method: CraigBampton) -> Task:
-    """In a worker: the part is made, reduced, written without its shapes, and freed."""
+    """In a worker: the part is made, reduced, written without its constraint modes, and freed."""
     start = time.perf_counter()
     part = instance(f"what the function of the part {name!r} returns", recipe(), Substructure)
     if not part.sets:
@@ -413,7 +414,7 @@ def _reduced_part(folder: Path, name: str, key: str, recipe: Recipe, method: Cra
 
 def _reduced_pair(folder: Path, name: str, key: str, pair: tuple[Task, Task], closing: Sequence[str], level: int,
                   method: CraigBampton) -> Task:
-    """In a worker: two are read, joined, reduced and written."""
+    """In a worker: two results are read, joined, reduced and written."""
     start = time.perf_counter()
     system = _joined(folder, name, pair, closing)
     few = method if method.modes is None else CraigBampton(min(method.modes, len(system.interior)))
@@ -425,7 +426,7 @@ def _reduced_pair(folder: Path, name: str, key: str, pair: tuple[Task, Task], cl
 
 
 def _written(folder: Path, task: Task, start: float, model: ReducedSubstructure, **beside: object) -> Task:
-    """The task with what it took. Its folder has the model, with V at the interface only; all of it is there, or nothing."""
+    """The task with its time and memory. Its folder has the model, with V at the interface only; it is complete or absent."""
     own = model.full_interface
     dofs = None if model.full_dofs is None else model.full_dofs.kept(own)
     light = replace(model, V=model.V[own], full_interface=np.arange(len(own)), full_dofs=dofs, name=task.name)
@@ -446,7 +447,7 @@ def _written(folder: Path, task: Task, start: float, model: ReducedSubstructure,
 
 
 def _cleared(path: Path) -> None:
-    """Take away a folder, or a file or a link that has its name."""
+    """Delete a folder, or a file or a link of this name."""
     try:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)

@@ -22,8 +22,8 @@ class MacNeal(FreeInterface):
     projection, so frequencies of a system may lie below those of the full model. If the modes leave no residual in some
     direction, modal coordinates are solved for instead (`recovered`) and keep their mass.
 
-    Friction at the interface is not for this model: a falling characteristic on a DOF without mass is unstable at once, with
-    a large real λ. `critical_slope` and motion in time need a regular M.
+    Do not use this model with friction at the interface: a falling characteristic on a DOF without mass is unstable at once,
+    with a large real λ. `critical_slope` and motion in time need a regular M.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class MacNeal(FreeInterface):
     unestimated = "its mass matrix is no projection; use Rubin, whose model has the same size"
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Chang without the mass of its residual shapes, solved for the interface."""
+        """The Craig-Chang basis in physical interface coordinates, with the mass of the residual shapes set to 0."""
         massive = np.array([kind != statics.kind for kind in basis.kinds], dtype=float)
         # as few modes as possible are solved for, since each brings mass to the interface
         return recovered(replace(basis, M=np.diag(massive)), statics, clear=1e-4)

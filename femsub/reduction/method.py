@@ -54,7 +54,7 @@ from femsub.reduction.wider import Wider
 if TYPE_CHECKING:
     from femsub.coupling import Belt
 
-log = logging.getLogger("femsub.reduction.reduce")  # of the function that users call
+log = logging.getLogger("femsub.reduction.reduce")  # named after the function that users call
 
 METHODS: dict[str, type[Method]] = {}  #: every method by its key
 FIRST = 100  # assumed number of modes if it follows from a tolerance, for the choice of threads
@@ -89,13 +89,14 @@ class Method(ABC):
     3. `held` is True for modes of the interior with the interface fixed, False for modes of the whole component with the
        interface free. It also decides which matrix is factorised.
     4. `statics` is the one step that a method must define. It gets the part and its factor. It returns C with CᵀKC, and
-       the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part. `rigid` in it are the rigid
-       motions in C. A method that leaves them out has its rigid motion found from the rounding of the reduced K and D.
-    5. `kept` finds the modes, and forces of theirs whose responses join the basis. `coordinates` turns the basis [C Φ Ξ] into
-       other coordinates. Both may be overridden. Each gets the results of the earlier steps, and must not change them.
-    6. `static_columns` is the number of static shapes, where that is not the number of interface DOF.
-    7. `unestimated` says why a band and a tolerance have no estimate, where that is so; they are refused then. `title` is the
-       line that names a model with so many modes.
+       the forces whose static responses join the basis. CᵀKΦ must be 0 for the modes Φ of the part. `Statics.rigid` holds the
+       rigid motions in C. If it is None, rigid motion is found numerically from the reduced K and D.
+    5. `kept` finds the modes, and may add a force for each mode, whose static response joins the basis. `coordinates` turns the
+       basis [C Φ Ξ] into other coordinates. Both may be overridden. Each gets the results of earlier steps, and must not change
+       them.
+    6. `static_columns` returns the number of static shapes. Override it if that is not the number of interface DOF.
+    7. `unestimated` is the reason why no estimate exists for a band and a tolerance. A method with such a reason refuses them.
+       `title` names a model with a given number of modes.
 
     `reduce` checks the arguments, makes the part and its factor, runs the steps, and projects D and the ports.
     """
@@ -115,7 +116,7 @@ class Method(ABC):
     offered: ClassVar[bool] = True  #: whether studies and scenes offer it for components by its key
     nested: ClassVar[bool] = True  #: whether part and factor are the same for any number of modes (`Reductor`)
     takes_cutoff: ClassVar[bool] = True  #: whether all modes below a frequency can be asked for
-    unestimated: ClassVar[str] = ""  #: why no estimate is possible for a band and a tolerance, where that is so
+    unestimated: ClassVar[str] = ""  #: why no estimate is possible for a band and a tolerance; empty if one is possible
 
     def __init_subclass__(cls) -> None:
         if "held" in vars(cls) and "mode_kind" not in vars(cls):
@@ -163,15 +164,15 @@ class Method(ABC):
         return f"{self.label} with {extent}"
 
     def title(self, modes: int) -> str:
-        """'Craig-Bampton with 4 fixed-interface modes': the model with so many of them."""
+        """'Craig-Bampton with 4 fixed-interface modes': the name of the model with this number of modes."""
         return f"{self.label} with {modes} {self.mode_kind} modes"
 
     def part(self, sub: Substructure) -> Partition:
-        """The part of the component that the factor and the modes are those of."""
+        """The DOF that the factor and the modes belong to."""
         return Partition.of(sub, self.held)
 
     def static_columns(self, sub: Substructure) -> int:
-        """How many static shapes the method computes, without those of the ports; the check of memory asks before any work."""
+        """Number of static shapes that the method computes, without responses to ports. The memory check needs it first."""
         return len(sub.interface)
 
     def judged(self, sub: Substructure, contacts: Contacts) -> Pencil | None:
@@ -180,7 +181,7 @@ class Method(ABC):
         Raises
         ------
         InputError
-            A contact with stiffness: its forces are none of those that the basis of the method is made for.
+            A contact adds stiffness: the basis does not contain the static responses to its forces.
         """
         pencil = sub.linearised(contacts, structural=True)
         if pencil.K is not sub.pencil.K:
@@ -200,11 +201,14 @@ class Method(ABC):
         return False
 
     def vectors(self, request: Request) -> Basis:
-        """The basis where `by_vectors`."""
+        """The basis, if `by_vectors`."""
         raise NotImplementedError
 
     def sought(self, handle: ShiftInvert) -> Kept | None:
-        """A given number of modes, or all below the cut-off; static shapes may be solved for meanwhile. None with a tolerance."""
+        """The given number of modes, or all modes below the cut-off; None with a tolerance.
+
+        A second process may solve for static shapes meanwhile.
+        """
         if self.cutoff is not None:
             found = modes_below(handle.K, handle.M, self.cutoff, handle)
             elastic = len(found.eigenvalues) - found.rigid
@@ -212,14 +216,14 @@ class Method(ABC):
         return None if self.modes is None else lowest(handle, self.modes)
 
     def kept(self, statics: Statics, pencil: Pencil | None) -> Kept:
-        """The modes of the part: those of `sought`, or as many as band and tolerance require with the damping of `pencil`."""
+        """The modes of the part: from `sought`, or as many as band and tolerance require with the damping of `pencil`."""
         if (kept := self.sought(statics.handle)) is not None:
             return kept
         assert self.goal is not None
         return chosen_in(Space.of(statics, pencil, self.goal.band[1]), self.goal)
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """The basis V = [C Φ Ξ], turned by `Basis.turned` where the model is to have other coordinates."""
+        """The basis V = [C Φ Ξ], transformed by `Basis.turned` if the model has other coordinates."""
         return basis
 
     def finished(self, sub: Substructure, model: ReducedSubstructure) -> ReducedSubstructure:
@@ -233,18 +237,18 @@ class Method(ABC):
 
     @property
     def row_key(self) -> str:
-        """The key that stands in tables and figures."""
+        """The key in tables and figures."""
         return self.key
 
 
 def lowest(handle: ShiftInvert, count: int, defer: bool = True) -> Kept:
-    """The `count` lowest modes, and one more for the cut-off if there is one. `count_deferred` must still run if `defer`."""
+    """The `count` lowest elastic modes, and the next mode, if any, for the cut-off. After `defer`, call `count_deferred`."""
     return Kept(lowest_modes(handle, count + (count < handle.elastic), defer), count)
 
 
 def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = False,
             contacts: Belt | Sequence[Belt] | None = None) -> ReducedSubstructure:
-    """One component by one method; see `reduce`."""
+    """One component, reduced by one method; see `reduce`."""
     request = checked(sub, method, ports, contacts)
     try:
         with one_thread(request.work < WORK), kept_free(request.beside):
@@ -259,7 +263,7 @@ def reduced(sub: Substructure, method: Method, ports: bool | Sequence[str] = Fal
             return finished(request, part, assembled(statics, kept, turned.ports, method.mode_kind), statics, kept)
     except SingularMatrixError as error:
         reason = str(error).removeprefix(f"{sub.name!r}: ")
-        is_cut = any(sub.name in key.split("+") for key in sub.sets)  # as `cut` names what its parts share
+        is_cut = any(sub.name in key.split("+") for key in sub.sets)  # `cut` names a common interface after its parts: "a+b"
         raise SingularMatrixError(f"{sub.name!r}: " + (f"{PART_OF_A_CUT} ({reason})" if is_cut else reason)) from None
 
 
@@ -272,15 +276,15 @@ class Request:
     sub : Substructure
     method : Method
     ports : mapping of str to ndarray, shape (n, p)
-        Those whose static responses judge the basis.
+        Port columns; the error of their static responses judges the basis.
     extra : ndarray, shape (n, s)
         The port columns whose static responses join the basis.
     pencil : Pencil, optional
         The damped model whose complex eigenvalues must be within the tolerance.
     static : int
-        Static shapes of the method itself.
+        Number of static shapes of the method itself.
     beside : float
-        Bytes that the reduction needs beside its factor.
+        Bytes that the reduction needs in addition to its factor.
     """
 
     sub: Substructure
@@ -293,7 +297,7 @@ class Request:
 
     @property
     def columns(self) -> int:
-        """Static shapes of the method, and responses to the ports: those that join the basis, and those that judge it."""
+        """Number of static shapes of the method, of port responses that join the basis, and of port responses that judge it."""
         return self.static + self.extra.shape[1] + sum(w.shape[1] for w in self.ports.values())
 
     @property
@@ -310,14 +314,14 @@ class Request:
         return float(sub.size) * (kept + self.static + self.extra.shape[1]) ** 2
 
     def turned(self, part: Partition) -> Request:
-        """In the coordinates of a part that has others."""
+        """The request in the coordinates z of the part, x = turn z."""
         T: Matrix = part.turn
         pencil = None if self.pencil is None else part.sub.with_damping(T.T @ (self.pencil.D @ T)).pencil
         return replace(self, ports={name: T.T @ w for name, w in self.ports.items()}, extra=T.T @ self.extra, pencil=pencil)
 
 
 def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], contacts: Belt | Sequence[Belt] | None) -> Request:
-    """The arguments of `reduce`, and whether the memory is there."""
+    """The arguments of `reduce` as a `Request`, after checks of each argument and of the free memory."""
     if not isinstance(sub, Substructure):
         if isinstance(sub, (Affine, Pencil)):
             raise InputTypeError(f"reduce takes a Substructure, whose K is symmetric, not {type(sub).__name__}: reduce "
@@ -353,9 +357,9 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
 
 
 def whole_basis(request: Request, part: Partition, judged: bool = True) -> Basis:
-    """The basis of a component whose DOF are all interface: the identity, nothing is left out.
+    """The identity, as the basis of a component whose DOF are all interface.
 
-    In a system it is not judged by itself: it may be a point mass, which has no modes.
+    `judged` is False in a system: its estimate holds for all parts, and a point mass has no modes to estimate.
     """
     sub, method, b = part.sub, request.method, part.sub.interface
     if method.modes and sub is request.sub:
@@ -369,9 +373,9 @@ def whole_basis(request: Request, part: Partition, judged: bool = True) -> Basis
 
 def finished(request: Request, part: Partition, basis: Basis, statics: Statics | None = None, kept: Kept | None = None
              ) -> ReducedSubstructure:
-    """The model that `reduce` returns, from the basis [C Φ Ξ] and the steps that led to it, or from a basis that is finished.
+    """The model that `reduce` returns. `statics` and `kept` led to the basis [C Φ Ξ]; without them the basis is final.
 
-    It warns where the modes kept of a floating part have few digits, and where a port is poorly represented.
+    Warns if kept modes of a floating part have few correct digits, or if the static response to a port is inaccurate.
     """
     sub, method = request.sub, request.method
 
@@ -380,11 +384,11 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         known = kept.found.rounding[:kept.found.rigid + kept.elastic]
         handle, lost = statics.handle, float(known.max(initial=0.0))
         if not kept.elastic and handle.exact < handle.rigid.shape[1]:
-            lost = handle.doubt**0.5  # the soft mode is in static shapes, as exact as shapes are
-        # of a K with fewer digits there is another warning, and under a tolerance the estimate counts rounding in
+            lost = handle.doubt**0.5  # static shapes represent the soft mode; a shape is less accurate than its ω²
+        # a K with fewer digits has its own warning, and with a tolerance the estimate includes rounding
         if handle.floating and lost > DIGITS and handle.unit == EPS and method.goal is None:
             warn(f"rounding in the entries of K may change ω² of the modes of {sub.name!r} by a relative {lost:.0e}, and the "
-                 f"reduced model has them as they are. {IN_PARTS}", ConditionWarning)
+                 f"reduced model inherits this error. {IN_PARTS}", ConditionWarning)
         basis = method.coordinates(basis, statics)
     if not basis.V.shape[1]:
         raise InputError(f"the basis for {sub.name!r} would be empty: modes=0, and no interface is given. Ask for modes, or "
@@ -401,8 +405,8 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
     cutoff = min(own, sub.cutoff)
     origin = origin_of(sub, V, own) if sub.is_reduced else Origin(V.shape[1], len(V), own)
 
-    # VᵀDV without the rounding of rigid motion, this motion, and G: the rounding of D is up to EPS G Gᵀ. The motion is known as
-    # the method, or else the component, knows it. What a component carries is looked for in the span of V
+    # VᵀDV without rounding in rigid motion; the rigid motion; and G: the rounding of D is up to EPS G Gᵀ. The rigid motion comes
+    # from the method, or else from the component. In the latter case its coordinates are found in the span of V
     D, H = projected(sub.D, V, V) if basis.D is None else basis.D, structural(sub, V)
     D = (D + D.T) / 2 if sub.pencil.symmetric[1] else D
     carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V

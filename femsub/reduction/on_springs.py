@@ -1,4 +1,4 @@
-"""What reduced models are worth where their interface is on springs, from soft to stiff."""
+"""Errors of reduced models whose interface is held by springs, from soft to stiff."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from femsub.reduction.reduce import reduce
 
 
 def interface_stiffness(sub: Substructure) -> Array:
-    """d_j, the stiffness that is condensed to each interface DOF j, (nb,); the bare one where the part floats."""
+    """d_j (nb,), the stiffness condensed to each interface DOF j; K_jj where the condensed stiffness is 0 (floating part)."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PortWarning)  # no port matters here
         condensed = np.diag(reduce(sub, CraigBampton(0)).K)[:len(sub.interface)]
@@ -25,7 +25,7 @@ def interface_stiffness(sub: Substructure) -> Array:
 
 
 def errors_on_springs(full: Substructure, models: Sequence[Substructure], springs: Array, count: int) -> list[float]:
-    """The largest relative error of the lowest `count` frequencies of K + Bᵀdiag(s)B, M, springs s (nb,), of each model."""
+    """For each model, the largest relative error of its lowest `count` frequencies with K + Bᵀdiag(s)B, springs s (nb,)."""
     def frequencies(model: Substructure) -> Array:
         B = sp.csr_array(model.interface_rows)
         added = B.T @ sp.diags_array(springs) @ B

@@ -1,12 +1,12 @@
 """How a `BoxModel` is made: the count is proved in cells of the box, and vectors are taken where the error is largest.
 
-One `Projection` serves the whole box: its reference has the middle of the range of each factor, and what parameters change is a
-term with |θ| ≤ half of the range. The number of eigenvalues in the band is proved for a cell of the box at once
-(`femsub.modes.quadratic.cells`); a cell where it is not is halved in the parameter that would gain most.
+One `Projection` serves the whole box: its reference has the middle of the range of each factor. The change of a factor with the
+parameters is a term with |θ| ≤ half of the range. The number of eigenvalues in the band is proved for a whole cell of the box at
+once (`femsub.modes.quadratic.cells`). A cell without a proof is halved in the parameter whose halving helps most.
 
-Inside the proved space a smaller basis gives the speed: right and left eigenvectors of VᵀPV at a few values, as in N. Gräbner,
-V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1388, here with a control of the error (`Radii`). Values are
-added where that is largest (greedy algorithm: A. T. Patera, G. Rozza 2007, ch. 3).
+A smaller basis inside the proved space makes the model fast: right and left eigenvectors of VᵀPV at a few values, as in N.
+Gräbner, V. Mehrmann, S. Quraishi, C. Schröder, U. von Wagner, ZAMM 96 (2016) 1388, here with a control of the error (`Radii`).
+Values are added where the error is largest (greedy algorithm: A. T. Patera, G. Rozza 2007, ch. 3).
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-GAP = 0.1  #: of the band's top: how far the contour may move out, into gaps that no eigenvalue crosses
-PLACES = 32  #: at which the error is looked at, for each parameter
-SHOWN = 3  #: open cells in a warning
-VISITS = 4  #: values of a cell at which its states are looked at
-NODES = 12  #: values whose vectors are taken, for each parameter, at most
+GAP = 0.1  #: share of the band's top by which the contour may move outwards, into gaps that no eigenvalue crosses
+PLACES = 32  #: number of values at which the error is evaluated, for each parameter
+SHOWN = 3  #: number of open cells that a warning names
+VISITS = 4  #: number of values of a cell at which its states are tested
+NODES = 12  #: largest number of values whose eigenvectors are used, for each parameter
 
 
 class Node(NamedTuple):
@@ -50,7 +50,7 @@ class Node(NamedTuple):
 
 
 def over_box(family: Affine, box: ParameterBox) -> BoxModel:
-    """The small model of a family over a box; see `reduce`. It warns of what is open, and of a tolerance that is not met."""
+    """The small model of a family over a box; see `reduce`. Warns of open cells, and of a tolerance that is not met."""
     model = _Maker(family, box, np.zeros((family.M[0][1].shape[0], 0))).made()
     if left := [cell for cell in model.cells if cell.number is None]:
         places = [f"{cell.where} ({cell.why})" for cell in left[:SHOWN]]
@@ -59,26 +59,27 @@ def over_box(family: Affine, box: ParameterBox) -> BoxModel:
         warn(f"{model.open_share:.1%} of the box is not proved after {tried} cells: {'; '.join(places)}{more}. Take a smaller "
              f"box or band, or cells={4 * box.cells}", FemsubWarning)
     if model.error > box.tol:
-        warn(f"the error over the box is estimated as {model.error:.1e} |λ|, but {box.tol:g} was asked for, on {model.size} "
-             f"shapes from {len(model.values)} values. Take a smaller box", FemsubWarning)
+        warn(f"the error over the box is estimated as {model.error:.1e} |λ|, above tol={box.tol:g}, with {model.size} shapes "
+             f"from {len(model.values)} values. Take a smaller box", FemsubWarning)
     return model
 
 
 def at_one_value(family: Affine, box: ParameterBox, shapes: Array) -> tuple[BoxModel, int]:
     """The projection of a family without parameters, and how many of its first columns span these shapes (n, k).
 
-    It has as many eigenvalues in the contour as were counted. The last term of K may make its symmetric part indefinite.
+    The projection has as many eigenvalues in the contour as were counted. The last term of K may make the symmetric part of K
+    indefinite.
     """
     maker = _Maker(family, box, shapes, whole=True)
     return maker.made(), maker.fixed
 
 
 class _Maker:
-    """One projection for the box, its cells, and the nodes whose vectors span the small model, with what joins them."""
+    """One projection for the box, its cells, and the nodes. Their vectors and the given shapes span the small model."""
 
     def __init__(self, family: Affine, box: ParameterBox, shapes: Array, whole: bool = False) -> None:
         self.family, self.box, self.whole = family, box, whole
-        usable_band(family, box.band)  # a basis of parts may end below
+        usable_band(family, box.band)  # the cut-off of reduced parts may be lower
         lo, hi, _ = family.factor_ranges(box.ranges)
         if not np.isfinite([lo, hi]).all():
             raise InputError("a factor of the model may be infinite in the box: give other ranges of "
@@ -89,11 +90,11 @@ class _Maker:
         turns = np.array([not is_symmetric(matrix) and power < 2 and one
                           for one, (power, matrix) in zip(varies, terms, strict=True)])
         rubs = turns & [power == 0 for power, _ in terms]
-        # strong friction may make (K + Kᵀ)/2 indefinite: the reference is the system without it then
+        # strong friction may make (K + Kᵀ)/2 indefinite: the reference is then the system without friction
         for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))
             self.centre, self.half = (middle - self.middle)[self.varied], half[self.varied]
-            # of what varies the reference has symmetric halves alone: a second term for the other halves would be the same again
+            # the reference has only the symmetric half of a varying unsymmetric term; its skew half joins the term of change
             halved = turns & np.isin(np.arange(len(terms)), self.varied)
             changes = [Varied(sp.csr_array(terms[q][1]), terms[q][0], float(size), float(self.middle[q]) if halved[q] else 0.0)
                        for q, size in zip(self.varied, np.abs(self.centre) + self.half, strict=True)]
@@ -112,7 +113,7 @@ class _Maker:
             self.projection.add(self.joining)
 
     def theta(self, **values: float) -> Array:
-        """Factors that vary, less those of the reference."""
+        """The factors that vary, minus their values in the reference."""
         return (self.family.factors(**values) - self.middle)[self.varied]
 
     # the count
@@ -126,7 +127,7 @@ class _Maker:
             theta, half = ((lo + hi) / 2 - self.middle)[self.varied], (hi - lo)[self.varied] / 2
             self.projection = self.projection.changed(theta, half)
             count, tried = count_over(self.projection, self.box.region, GAP), tried + 1
-            self.projection.counted = None  # it has the projection: both would stay in memory until the garbage collector looks
+            self.projection.counted = None  # it refers to the projection: the cycle would keep both in memory
             if count is not None:
                 log.info("%d eigenvalues in %s over %s, margin %.2g", count.number, count.contour.where, cell.where, count.margin)
                 done.append(replace(cell, contour=count.contour, number=count.number, margin=count.margin,
@@ -139,7 +140,7 @@ class _Maker:
         return done + waiting
 
     def _halves(self, ranges: Ranges, half: Array) -> list[Ranges]:
-        """The cell halved in the parameter whose halving would lower most what failed."""
+        """The two halves of a cell, in the parameter whose halving lowers the bound that failed most."""
         blamed = self.projection.blamed if self.projection.blamed.any() else np.ones(len(half))
         gains, halves = [], []
         for name, (lo, hi) in ranges.items():
@@ -159,21 +160,21 @@ class _Maker:
         with np.errstate(all="ignore"):
             lam = shift + 1 / nu
         at = np.flatnonzero(contour.encloses(np.nan_to_num(lam, nan=np.inf, posinf=np.inf)) & (lam.imag >= 0))
-        # beside strong dashpots LAPACK's λ have errors, of which `learn` would take the radii to be too small
+        # with strong dashpots LAPACK's λ are inaccurate, and `learn` would find the radii too small
         return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]))
 
     def allowed(self, lam: Array) -> Array:
-        """√(c tol |λ|): residuals of this size on both sides make an error of the tolerance."""
+        """√(c tol |λ|): residuals of this size on both sides cause an error of tol |λ|."""
         return np.sqrt(self.c * self.box.tol * np.maximum(np.abs(lam), self.box.still))
 
     def error(self, modes: ComplexModes) -> float:
-        """The largest radius of a λ, relative to |λ|; rigid motion has λ = 0, but for rounding."""
+        """The largest radius of a λ, relative to |λ|. Rigid motion is excluded: its λ is 0 but for rounding."""
         size = np.abs(modes.eigenvalues)
         moving = size > self.box.still
         return float(np.max(modes.error_bar[moving] / size[moving], initial=0.0))
 
     def enriched(self, nodes: list[Node], new: int) -> list[Node]:
-        """The nodes, after A⁻¹ times residuals of the last `new` of them has joined V as far as the tolerance needs it."""
+        """The nodes, after V was extended by A⁻¹ times residuals of the last `new` nodes, as far as the tolerance requires."""
         columns = []
         for node in nodes[-new:]:
             here = self.projection.changed(node.theta)
@@ -181,13 +182,13 @@ class _Maker:
             for vectors, adjoint in ((node.x, False), (node.z, True)):
                 columns.append(here.coefficients(node.lam, vectors / scale, adjoint))
         m = self.projection.size
-        del here  # it would keep V beside its longer copy
-        if not self.projection.join(columns, 0.03):  # squares: a direction with a sixth of the residual that the tolerance allows
+        del here  # it would keep the old V in memory beside its longer copy
+        if not self.projection.join(columns, 0.03):  # a limit for squares: directions with a sixth of the allowed residual join
             return nodes
-        self.projection.lost  # noqa: B018  (once, for all that `changed` copies)
+        self.projection.lost  # noqa: B018  (computed once, since `changed` copies it)
         more = ((0, self.projection.size - m), (0, 0))
         nodes = [node._replace(x=np.pad(node.x, more), z=np.pad(node.z, more)) for node in nodes]
-        for node in nodes[-new:]:  # what the new columns take, to first order
+        for node in nodes[-new:]:  # components in the new columns, to first order
             matrices = self.projection.changed(node.theta).matrices
             for k, lam in enumerate(node.lam):
                 right, left = (np.tensordot([1.0, lam, lam * lam], part, 1) for part in (matrices[:, m:], matrices[:, :, m:]))
@@ -196,7 +197,7 @@ class _Maker:
         return nodes
 
     def made(self) -> BoxModel:
-        """The model."""
+        """The small model over the box."""
         box, names = self.box, list(self.box.ranges)
         cells = self.cells()
         lo, hi = np.array(list(box.ranges.values())).reshape(-1, 2).T
@@ -206,11 +207,11 @@ class _Maker:
         self.projection.lost  # noqa: B018  (as above)
         c = self.projection.least
         self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
-        self.kept = 1.0  # least share of the tolerance that a direction of the vectors takes, to be kept
+        self.kept = 1.0  # a direction of the vectors is kept if its residual exceeds this share of the allowed residual
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
         nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
         middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
-        # corners as well: the basis has their vectors, but for what is `kept`
+        # corners as well: of their vectors, the basis has only the directions that were `kept`
         places = [middle, *(corners + _places(box.ranges, PLACES * len(names)) if names else [])]
         train = np.array([list(place.values()) for place in places])
         at, errors = 0, np.full(len(places), np.inf)
@@ -221,7 +222,7 @@ class _Maker:
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
                 break
-            del model  # before the next one takes memory
+            del model  # frees memory for the next one
             nodes = self.enriched([*(one for one in nodes if one.values != new.values), new], 1)
             model = self.small(nodes, cells)
             again = errors >= min(box.tol, errors.max())  # more shapes do not make an error larger
@@ -229,21 +230,21 @@ class _Maker:
             before, errors = errors, errors.copy()
             errors[again] = [self.error(one) for one in found]
             log.info("%d values, %d shapes: error %.1e", len(nodes), model.size, errors.max())
-            at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes, where more values alone may not do
+            at, self.kept = int(errors.argmax()), self.kept / 4  # more shapes: more values alone may not suffice
             if self.whole and errors[0] > before[0] / 2:  # rounding
                 break
         model = model._with(radii=replace(model.radii, least=self.least), error=float(errors.max()))
         return self.listing(model, len(places) - len(corners) * bool(names))
 
     def small(self, nodes: list[Node], cells: list[Cell]) -> BoxModel:
-        """The model on the vectors of these nodes."""
+        """The small model whose basis is made of the vectors of these nodes."""
         projection = self.projection
         columns = []
         for node in nodes:
             scale = self.allowed(node.lam)
             columns += [*real_parts(node.x / scale), *real_parts(node.z / scale)]
         vectors = np.hstack(columns)
-        # what joins in any case, at unit energy; of free rigid motion nothing is left but rounding
+        # the given shapes, at unit energy; free rigid motion among them is only rounding here
         known, share, _ = np.linalg.svd(self.projection.V.T @ self.projection.product(self.joining), full_matrices=False)
         known = known[:, share > EPS**0.5]
         self.fixed = projection.free.shape[1] + known.shape[1]
@@ -253,7 +254,7 @@ class _Maker:
             U, size, _ = la.svd(vectors - known @ (known.T @ vectors), full_matrices=False)
             W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
-            W = np.eye(len(U), 1)  # without an eigenvalue any shape serves
+            W = np.eye(len(U), 1)  # without an eigenvalue any shape will do
         H, _ = projection.images_outside()
         d, m = W.shape[1], projection.size
         blocks = np.zeros((m + H.shape[1], 1 + len(H), d))  # of A and of each term, inside V and outside
@@ -261,13 +262,13 @@ class _Maker:
         blocks[:m, 1:] = (projection.inside @ W).transpose(1, 0, 2)
         blocks[m:, 1:] = (H @ W).transpose(1, 0, 2)
         del H
-        # only lengths count: a rotation, without directions that are too small beside the residuals that the tolerance allows
+        # only lengths and angles matter: the images are rotated, and directions negligible beside the allowed residual dropped
         largest = projection.changed(np.abs(self.centre) + self.half).terms
         scale = np.array([1.0, *(term.largest(projection.outer.size) or 1.0 for term in largest)])[:, None, None]
         blocks *= scale[:, 0]
         R = np.asarray(np.linalg.qr(blocks.reshape(len(blocks), -1), mode="r"))
         del blocks
-        mix = la.eigh(R @ R.T)[1].T @ R  # rows of their own length: roots of the eigenvalues have half of the digits
+        mix = la.eigh(R @ R.T)[1].T @ R  # lengths from the rows: square roots of the eigenvalues have half of the digits
         length = la.norm(mix, axis=1)
         allowed = 0.1 / np.fmax(max(float(la.norm(part, axis=0).max(initial=0.0)) for part in columns), EPS)
         kept = length > max(allowed, len(length) * EPS * length.max())
@@ -288,16 +289,16 @@ class _Maker:
         model = BoxModel(family.M, family.D, family.K, box=self.box, cells=tuple(cells), V=V, radii=radii, middle=self.middle,
                          varied=self.varied, free=projection.free.shape[1], error=np.inf,
                          values=np.array([list(node.values.values()) for node in nodes]))
-        model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN where the family's is not known
+        model = model._with(cutoff=float(np.minimum(model.cutoff, self.family.cutoff)))  # NaN if the family's is unknown
         self.share = self.kept
         return model
 
     def listing(self, model: BoxModel, most: int) -> BoxModel:
-        """The same with states of each cell, from at most so many nodes."""
+        """The model with states for each cell, from at most `most` nodes."""
         return model._with(cells=tuple(replace(cell, states=self.states(model, cell, most)) for cell in model.cells))
 
     def states(self, model: BoxModel, cell: Cell, most: int) -> States | None:
-        """Those of a cell that list most pairs; None if that is less than half, or if numbers at nodes are not the cell's."""
+        """The states of a cell that give most pairs; None if these are less than half, or if a node has another number of λ."""
         d, number, unit = model.size - model.free, (cell.number or 0) - 2 * model.free, self.projection.outer.size
         if not cell.ranges or cell.contour is None or not 0 < number < 1.5 * d:
             return None
@@ -309,7 +310,7 @@ class _Maker:
             lam, x, z = model.every(matrices)
             inside = contour.encloses(lam)
             at, beyond = np.flatnonzero(inside), np.flatnonzero(~inside)
-            scale = self.allowed(lam[at]) * self.share / 6  # what is shorter than 1 does not count
+            scale = self.allowed(lam[at]) * self.share / 6  # directions shorter than 1 are negligible
             beside = inverse_beside(lam[at[lam[at].imag >= 0]], lam[beyond], x[:, beyond], z[:, beyond])
             return beside, (matrices, lam[at], x[:, at] / scale, z[:, at] / scale)
 
@@ -322,16 +323,16 @@ class _Maker:
             states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
-            known = 2 if tried[-1][0] else 1  # a degree may gain nothing by symmetry
-            if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # what is left is the error of the model itself
+            known = 2 if tried[-1][0] else 1  # by symmetry, one higher degree may gain nothing
+            if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # the rest is the error of the model itself
                 break
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))
         if lacking >= number / 2:
-            return None  # a step for each pair takes as long as the whole problem
+            return None  # iterating each pair takes as long as solving the whole eigenproblem
         return replace(states, inverse=inverse)
 
     def lacking(self, model: BoxModel, cell: Cell, states: States) -> tuple[float, float]:
-        """How many pairs a value lacks that these states do not list without iteration, and the largest radius over |λ|."""
+        """The mean number of pairs that these states do not give without iteration, and the largest radius over |λ|."""
         def missing(place: Mapping[str, float]) -> tuple[int, float]:
             (lam, _, _, size), _, lacking, _ = model.on(cell, states, place)
             return abs(lacking), float((size / np.maximum(np.abs(lam), self.box.still)).max()) if len(lam) else np.inf
@@ -340,7 +341,7 @@ class _Maker:
         return float(np.mean(lacking)), max(largest)
 
     def learn(self, model: BoxModel, node: Node) -> None:
-        """Look at the pairs of a node that the model has not: `least` is a third of the smallest ‖R‖‖L‖ / |δλ| that was seen."""
+        """Correct `least` at a node whose vectors are not in the model: a third of the smallest ‖R‖ ‖L‖ / |δλ| found so far."""
         found = model.modes(**node.values)
         far = np.abs(found.eigenvalues[:, None] - node.lam).min(axis=1, initial=np.inf)
         counts = (far > EPS**0.75 * np.abs(found.eigenvalues)) & ~found.rigid  # others are rounding
@@ -354,7 +355,7 @@ def _halved(family: Affine, chosen: Array) -> Affine:
 
 
 def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:
-    """At least so many values all over a box, a power of two."""
+    """At least `count` values spread over a box; their number is a power of two."""
     from scipy.stats import qmc  # takes a tenth of a second to load
 
     points = qmc.Sobol(len(ranges), seed=seed).random_base2((count - 1).bit_length())
@@ -362,6 +363,6 @@ def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]
 
 
 def real_parts(vectors: Array) -> list[Array]:
-    """Real and imaginary parts, each vector turned to be as real as it can."""
+    """Real and imaginary parts of vectors, each multiplied by the phase that makes it as real as possible."""
     turned = vectors * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", vectors, vectors)))
     return [turned.real, turned.imag]

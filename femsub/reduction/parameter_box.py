@@ -38,22 +38,23 @@ Ranges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class ParameterBox:
-    """Ranges of parameters, and what `reduce` is to prove and keep for all values in them: a small model of λ² M + λ D + K.
+    """Ranges of parameters for which `reduce` makes one small model of λ² M + λ D + K, with a band and a tolerance.
 
     Parameters
     ----------
     ranges : mapping of str to (lo, hi)
-        lo < hi, in the units of each parameter. Without any the box is one value: the model as it is.
+        lo < hi, in the units of each parameter. Without ranges the box is one value: the model as it is.
     band : (lo, hi)
         In radians per unit of time: every eigenvalue with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi is kept.
     re : (a, b), optional
-        In place of |Re λ| ≤ hi: only those with a ≤ Re λ ≤ b. With strong damping a is best close to 0, such as -hi/40. Then the
-        model has no shapes for what decays faster: it is smaller and made sooner. All that grows up to b is in it.
+        In place of |Re λ| ≤ hi: only eigenvalues with a ≤ Re λ ≤ b. With strong damping, choose a close to 0, such as -hi/40.
+        The model then has no shapes for modes that decay faster: it is smaller and computed sooner. It has all growing modes with
+        Re λ up to b.
     tol : float
-        The largest distance of a λ of the small model from one of the full model, relative to |λ|. It is estimated. A |λ| below
-        1e-6 of hi counts as 0, and is as exact as rounding allows.
+        The largest distance of a λ of the small model from one of the full model, relative to |λ|. The distance is estimated. A
+        |λ| below 1e-6 of hi counts as 0, and is as exact as rounding allows.
     cells : int
-        So many cells of the box are tried at most. What is not proved then is open, and a warning names it.
+        The largest number of cells of the box that are tried. Cells without a proof are open, and a warning names them.
 
     Raises
     ------
@@ -104,12 +105,12 @@ class ParameterBox:
 
     @property
     def still(self) -> float:
-        """|λ| up to this is that of rigid motion, but for rounding."""
+        """|λ| up to this value counts as rigid motion, whose λ is 0 but for rounding."""
         return DOUBLE * self.band[1]
 
     @property
     def contour(self) -> Contour:
-        """About the region, where no cell has a better one."""
+        """The contour around the region, for a cell without a contour of its own."""
         a, b, _, hi = self.region
         return Contour(sides=(a, b, hi))
 
@@ -122,17 +123,17 @@ class Cell:
     ----------
     ranges : mapping of str to (lo, hi)
     contour : Contour or None
-        About the band. Its edges keep clear of all eigenvalues.
+        Encloses the band. No eigenvalue crosses it.
     number : int or None
-        Eigenvalues of the full model inside, conjugates included; None where the cell is open.
+        The number of eigenvalues of the full model inside, conjugates included; None if the cell is open.
     margin : float
         The bound of `femsub.modes.quadratic.cells`, whose limit is 1.
     sampled : bool
         Whether a factor was sampled, since it takes no `Interval`.
     states : States or None
-        On which the pairs are found: as many as there are eigenvalues in the contour.
+        Bases from which the eigenpairs are computed, with one column for each eigenvalue in the contour.
     why : str
-        Why the cell is open, and near which s = λ: of a cell that was not tried, that of the one of which it is a half.
+        Why the cell is open, and near which s = λ. A cell that was not tried has the reason of the cell that was halved.
 
     Examples
     --------
@@ -166,50 +167,50 @@ class Cell:
         return prod(hi - lo for lo, hi in self.ranges.values())
 
     def holds(self, values: Mapping[str, float]) -> bool:
-        """Whether the values are in it."""
+        """Whether the cell contains the values."""
         return all(lo <= values[name] <= hi for name, (lo, hi) in self.ranges.items())
 
 
 @dataclass(frozen=True)
 class Radii:
-    """How far each λ of the small model is from one of the full model, by residuals of its pairs, to first order.
+    """The distance of each λ of the small model from one of the full model, from residuals of its pairs, to first order.
 
     |δλ| ≤ ‖R‖ ‖L‖ / (c |zᴴP'(λ)x|) with the residuals R and L of right and left vectors in the norm of A⁻¹, if P(λ) outside the
-    basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the least that was seen at values of the
-    parameters whose eigenvectors are not in the basis. Residuals of pairs on `States` lie in the basis as well, where P(λ) has
-    another inverse: ‖r‖ ‖l‖ times its norm without the pairs inside the contour is added.
+    basis has an inverse of at most 1/c in the norm of A. c is an estimate: a third of the smallest value found at parameter
+    values whose eigenvectors are not in the basis. Pairs from `States` also have residuals r and l in the basis, where P(λ) has
+    another inverse. ‖r‖ ‖l‖ times the norm of this inverse, without the pairs inside the contour, is added.
 
-    `images` (p + 1, d, r) of the basis by A and by the terms are real rows of their lengths and angles, but for what is too small
-    to matter; in single precision where that is so for its rounding.
+    `images` (p + 1, d, r) are the images of the basis under A and under the terms, as real rows with the same lengths and angles.
+    Negligible directions are dropped. They are in single precision if its rounding is negligible, too.
     """
 
     images: Array
-    lost: Array  #: (p + 1,): the norms of what the images lack
+    lost: Array  #: (p + 1,): the norms of the dropped parts of the images
     signs: Array
-    places: Array  #: of each term: the change that it follows, or -1
-    held: Array  #: of each term: what joins the θ of its change
+    places: Array  #: for each term: the index of its change in θ, or -1
+    held: Array  #: for each term: a constant that is added to the θ of its change
     base: Array  #: (p, 3): weights c_0, c_1, c_2
-    rounding: Array  #: (p + 1, d, d): |V|ᵀ|A||V| and those of the terms; times EPS what rounding of their entries may do
+    rounding: Array  #: (p + 1, d, d): |V|ᵀ|A||V|, and the same for the terms; times EPS the effect of rounding of their entries
     least: float  #: c
 
     def weights(self, theta: Array) -> Array:
-        """(p + 1, 3): what A and the terms are taken with, of s⁰, s and s²."""
+        """(p + 1, 3): the weights of A and of the terms in the coefficients of s⁰, s and s²."""
         scale = np.where(self.places < 0, 1.0, np.append(theta, 1.0)[self.places] + self.held)
         return np.vstack([[1.0, 0.0, 0.0], scale[:, None] * self.base])
 
     def at(self, theta: Array) -> RadiiAt:
-        """What gives the radius of single eigenvalues at θ."""
+        """A function that gives the radius of each single eigenvalue at θ."""
         weights = self.weights(theta)
         terms, d, r = self.images.shape
-        # the images pass the memory once
+        # one product, so that the images are read from memory once
         both = np.hstack([weights, weights * np.append(1.0, self.signs)[:, None]]).astype(self.images.dtype)
         right, left = (both.T @ self.images.reshape(terms, d * r)).reshape(2, 3 * d, r)
         return RadiiAt(self, weights, right, left, np.tensordot(np.abs(weights.T), self.rounding, 1))
 
     @staticmethod
     def circles(values: Array, size: Array) -> Array:
-        """The radius of each λ, Im λ ≥ 0, of these sizes; where circles meet, that of one around them all."""
-        # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - what the others take)
+        """The radius of each λ, Im λ ≥ 0, from the `size` of each λ alone. Circles that meet get that of a common circle."""
+        # Σ_j η_j / |s - λ_j| < 1 on the circle, conjugates included: to first order η_k / (1 - the sum over all other λ)
         pairs = np.flatnonzero(values.imag)
         every = np.append(size, size[pairs])
         apart = np.abs(values[:, None] - np.append(values, values[pairs].conj()))
@@ -221,7 +222,7 @@ class Radii:
                 radius = np.where(room > 0.5, size / room, np.inf)
         for k in np.flatnonzero(~np.isfinite(radius)):
             order = np.argsort(apart[k])
-            for number in range(1, len(order) + 1):  # so many in the circle take half, and the others the other half
+            for number in range(1, len(order) + 1):  # λ in the circle take half of the sum, all others the other half
                 inside, beyond = order[:number], order[number:]
                 radius[k] = 2 * every[inside].sum() + apart[k, inside[-1]]
                 room = apart[k, beyond] - radius[k]
@@ -231,7 +232,7 @@ class Radii:
 
 
 class RadiiAt(NamedTuple):
-    """`Radii` at some θ: images by the parts of P = Σ s^k P_k and of its adjoint, (3d, r), and their rounding, (3, d, d)."""
+    """`Radii` at one θ: images under the parts of P = Σ s^k P_k and of its adjoint, (3d, r), and their rounding, (3, d, d)."""
 
     radii: Radii
     weights: Array
@@ -242,7 +243,7 @@ class RadiiAt(NamedTuple):
     def __call__(self, values: Array, x: Array, z: Array) -> Array:
         """The radius of each λ alone, with its x and z of |zᴴP'(λ)x| = 1, (k,)."""
         size, own = 1 / self.radii.least, np.abs(self.weights @ values ** np.arange(3)[:, None])
-        # by entries: norms of dashpots, 10⁶ times critical, would be above the tolerance; 16 roundings were too few
+        # by entries: with norms, dashpots of 10⁶ times critical damping would exceed the tolerance; 16 EPS was too little
         moved = np.einsum("ji,jki->ik", np.abs(values) ** np.arange(3)[:, None], self.rounding @ np.abs(x))
         rounding = 64 * EPS * np.einsum("ik,ki->i", moved, np.abs(z))
         for images, s, part in ((self.right, values, x), (self.left, values.conj(), z)):
@@ -268,12 +269,12 @@ class BoxModel(Affine):
     V : ndarray, shape (n, r)
     evidence : str
         'certified': in each cell the number of eigenvalues in the band is proved for all values. 'confirmed': the same, but a
-        factor of the model was sampled, since it takes no interval. 'not checked': some cells are open, or the model was a
-        projection whose cut-off is not known. Numbers and radii hold for the model that was given: of reduced parts, for these.
+        factor of the model was sampled, since it takes no interval. 'not checked': some cells are open, or the given model is a
+        projection whose cut-off is not known. Numbers and radii refer to the given model, also if its parts are reduced.
     open_share : float
         The share of the box's volume that is open.
     error : float
-        The largest estimated |δλ| / |λ| at the places where it was looked at.
+        The largest estimated |δλ| / |λ| at the parameter values where it was evaluated.
     values : ndarray, shape (k, number of parameters)
         The values of the parameters whose eigenvectors span V. They were chosen where the error was largest.
 
@@ -293,7 +294,7 @@ class BoxModel(Affine):
     radii: Radii
     middle: Array  #: factors of the reference
     varied: Array  #: which factors vary
-    free: int  #: columns of V that move freely: λ = 0, twice each
+    free: int  #: the number of columns of V that are free rigid motion: each has λ = 0 twice
     error: float
     values: Array
 
@@ -331,7 +332,7 @@ class BoxModel(Affine):
         return super().at(**values)
 
     def fixed(self, **values: float) -> BoxModel:
-        """The same for given values of some of the parameters."""
+        """The model for given values of some of the parameters."""
         self._inside(values)
         found = cast(BoxModel, super().fixed(**values))
         rest = {name: ends for name, ends in self.box.ranges.items() if name not in values}
@@ -339,7 +340,7 @@ class BoxModel(Affine):
         cells = tuple(replace(cell, ranges={key: ends for key, ends in cell.ranges.items() if key not in values},
                               states=cell.states and replace(cell.states, given={**cell.states.given, **values}))
                       for cell in self.cells
-                      if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each place once, ends of the box included
+                      if all(cell.ranges[name][0] <= value < cell.ranges[name][1]  # each value in one cell, ends included
                              or value == cell.ranges[name][1] == self.box.ranges[name][1] for name, value in values.items()))
         return found._with(box=box, cells=cells)
 
@@ -352,21 +353,21 @@ class BoxModel(Affine):
                                  f"{lo if value < lo else hi:g}. Make a model of a larger box")
 
     def cell(self, **values: float) -> Cell:
-        """The cell in which these values are: of several, one that is proved."""
+        """The cell that contains these values. On an edge of several cells, a proved cell is preferred."""
         self._inside(values)
         self._check_all("value", values)
         return max((cell for cell in self.cells if cell.holds(values)), key=lambda cell: cell.number is not None)
 
     def number(self, **values: float) -> int | None:
-        """Eigenvalues of the full model inside the contour of the cell, conjugates included; None where that is open."""
+        """The number of eigenvalues of the full model in the contour of the cell, conjugates included; None if it is open."""
         return self.cell(**values).number
 
     @one_thread(True)  # of these sizes two threads take longer than one
     def pairs(self, values: Mapping[str, float], fine: bool = False) -> tuple[Pencil, Array, Array, Array, Array]:
-        """The pencil; λ (k,), Im λ ≥ 0, in the band and beside it; x and z (r, k), |zᴴP'(λ)x| = 1; the radius of each λ alone.
+        """The pencil; λ (k,), Im λ ≥ 0, in and near the band; x and z (r, k), |zᴴP'(λ)x| = 1; the radius of each λ alone.
 
-        λ are in the order of Im λ, without those of free rigid motion, which are 0. Pairs are as exact as the tolerance of the
-        box requires, or `fine`: to rounding.
+        λ are in the order of Im λ, without λ = 0 of free rigid motion. Pairs are as accurate as the tolerance of the box
+        requires; with `fine`, as rounding allows.
         """
         factors = self.factors(**values)
         lam, x, z, size = self._listed(self.cell(**values), values, factors, fine)
@@ -382,7 +383,7 @@ class BoxModel(Affine):
             found = listed(cell.states, values, matrices, contour.encloses, number, sizes, tol, fine)
         if found is None:
             lam, x, z = self.every(matrices)
-            near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or close beside the band
+            near = (in_band(lam, region[2:], region[:2]) | contour.encloses(lam)) & (lam.imag >= 0)  # or just outside the band
             lam, x, z = improved(matrices, lam[near], x[:, near], z[:, near])
             found = lam, x, z, sizes(lam, x, z)
         order = np.argsort(found[0].imag, kind="stable")
@@ -390,7 +391,7 @@ class BoxModel(Affine):
 
     @one_thread(True)
     def eigenvalues(self, values: Mapping[str, float]) -> tuple[Array, Array, bool]:
-        """λ (k,) with Im λ ≥ 0 in the band, without those of free rigid motion; the radius of each; whether these are all."""
+        """λ (k,) with Im λ ≥ 0 in the band, without free rigid motion; the radius of each; whether none is missing."""
         cell = self.cell(**values)
         lam, _, _, size = self._listed(cell, values, self.factors(**values))
         near, bar, number = self._in_band(cell, lam, size)
@@ -398,9 +399,9 @@ class BoxModel(Affine):
 
     @one_thread(True)
     def distance(self, cell: Cell, states: States, values: Mapping[str, float]) -> float:
-        """How far the eigenvalues of a cell's states, without iteration, are from those of the full model at most, over |λ|.
+        """Largest distance over |λ| of the eigenvalues from a cell's states, without iteration, from those of the full model.
 
-        inf where they are not as many as the cell has.
+        inf if their number is not that of the cell.
         """
         (lam, _, _, size), *_, raw = self.on(cell, states, values)
         if len(lam) + np.count_nonzero(lam.imag) + 2 * self.free != cell.number:
@@ -410,14 +411,14 @@ class BoxModel(Affine):
         return float(off.max(initial=0.0)) if np.isfinite(off).all() else np.inf
 
     def on(self, cell: Cell, states: States, values: Mapping[str, float]) -> tuple[list[Array], Array, int, Array]:
-        """What these states give of a cell without iteration, see `seen`."""
+        """The eigenpairs of a cell from these states, without iteration; see `seen`."""
         assert cell.contour is not None and cell.number is not None
         factors = self.factors(**values)
         return seen(states, values, self.moving(factors), cell.contour.encloses, cell.number - 2 * self.free,
                     self.radii.at((factors - self.middle)[self.varied]), self.box.tol)
 
     def _in_band(self, cell: Cell, lam: Array, size: Array) -> tuple[Array, Array, int]:
-        """Which λ are in the band, the radius of each, and how many eigenvalues are in the cell's contour."""
+        """The indices of λ in the band, the radius of each, and the number of eigenvalues in the cell's contour."""
         region = self.box.region
         enclosed = (cell.contour or self.box.contour).encloses(lam)
         near = np.flatnonzero(in_band(lam, region[2:], region[:2]))
@@ -428,7 +429,7 @@ class BoxModel(Affine):
     def modes(self, **values: float) -> ComplexModes:
         """The complex modes in the band at values of all parameters; the error bars are distances from λ of the full model.
 
-        Shapes are in the coordinates of the small model, see `expand`. `tally` is that of the contour of the cell.
+        Shapes are in the coordinates of the small model, see `expand`. `tally` counts the eigenvalues in the contour of the cell.
         """
         cell, free = self.cell(**values), self.free
         pencil, lam, x, _, size = self.pairs(values)
@@ -448,7 +449,7 @@ class BoxModel(Affine):
                             full_growth=np.stack([values_.real - bar, values_.real + bar], axis=1))
 
     def modes_over(self, **values: Any) -> list[ComplexModes]:
-        """`modes` at many values, by as many threads as there are cores: arrays of equal shape, or numbers for all of them.
+        """`modes` at many values, in one thread for each core. Each value is an array of the same shape, or one number for all.
 
         Raises
         ------
@@ -491,5 +492,5 @@ class BoxModel(Affine):
         return np.where(np.isfinite(lam), lam, np.inf), x, z
 
     def expand(self, shapes: Array) -> Array:
-        """Shapes of the full model, Vq (n, ...), of those of the small one."""
+        """Shapes of the full model, Vq (n, ...), from shapes q of the small model."""
         return self.V @ shapes

@@ -69,32 +69,32 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     - hi is below 0.7 of the cut-off frequency.
 
     The estimate needs no solution of the full model. Its figures are in ``.estimate`` (see `Nested.bounds` and
-    `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. It is kept only if the DOF is interface or port.
-    Structural damping is carried along as VᵀHV. The estimate is that of the model without it.
+    `Nested.doubt`). A DOF with damping but no mass has a real λ of its own. The reduced model has this λ only if the DOF is
+    interface or port. Structural damping is reduced to VᵀHV. The estimate neglects it.
 
-    Of a system, band and tolerance are the system's. All parts that have one have the same, and are reduced by `CraigBampton`
-    or `Hurty`. The modes of each part are then chosen so that the system is within `tol`, with few modes in total, and with all
-    modes of the parts up to hi.
+    For a system, band and tolerance hold for the whole system. All parts with a tolerance have the same band and tolerance, and
+    are reduced by `CraigBampton` or `Hurty`. The number of modes of each part is chosen so that the system is within `tol`, with
+    few modes in total, and with all modes of the parts up to hi.
 
     Parameters
     ----------
     sub : Substructure
         Full, or itself reduced.
     method : CraigBampton, CraigChang or another `Method`
-        With its number of modes, or with a band and a tolerance. Of a system it may be a mapping, {'disc': CraigBampton(20)}:
+        With its number of modes, or with a band and a tolerance. For a system it may be a mapping, {'disc': CraigBampton(20)}:
         these parts are reduced, each by its own method, and joined again; the other parts stay. Equal parts with equal methods
-        are reduced once. An earlier reduced model of a part may replace the method. A `ParameterBox` makes one
-        small model for all values of parameters of an `Affine`, or of a model with `contacts`.
+        are reduced once. An earlier reduced model of a part may replace the method. With a `ParameterBox`, one small model
+        serves all values of the parameters of an `Affine`, or of a model with `contacts`.
     ports : bool or sequence of str
         True, or the names of ports: adds the static responses to these ports to the basis.
     contacts : Belt or sequence of Belt, optional
         Only with a tolerance: the belts under which the complex eigenvalues must be accurate. Default: only the model's own D.
-        With a `ParameterBox` the contacts, of any kind, whose fields are its parameters.
+        With a `ParameterBox`: contacts of any kind, whose fields are the parameters.
     workers : int, optional
-        Of a system: so many processes reduce its parts side by side, each with one thread of BLAS. Default: this process alone.
+        Only for a system: number of processes that reduce its parts in parallel, each with one BLAS thread. Default: no others.
     executor : concurrent.futures.Executor, optional
-        Reduces the parts instead of processes started for this call: that of dask (``client.get_executor()``), of mpi4py or any
-        other. Its processes must see this machine's temporary folder (environment variable TMPDIR).
+        Reduces the parts instead of `workers`: an executor of dask (``client.get_executor()``), of mpi4py, or any other.
+        Its processes must see this machine's temporary folder (environment variable TMPDIR).
 
     Returns
     -------
@@ -121,9 +121,9 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
 
     Notes
     -----
-    With workers the results are those of one process to the last digit, if that uses one thread of BLAS, too
-    (OMP_NUM_THREADS=1). The factors of the parts are made in the workers and end with them. What needs one later, as `refine`
-    does, makes it again. A script that uses workers must begin its work under ``if __name__ == "__main__":``.
+    With workers the results are equal to the last digit to those of a single process with one thread of BLAS
+    (OMP_NUM_THREADS=1). The factors of the parts are lost when the workers end. A later step that needs a factor, such as
+    `refine`, computes it again. A script that uses workers must start them under ``if __name__ == "__main__":``.
 
     Examples
     --------
@@ -134,12 +134,12 @@ def reduce(sub: Any, method: Any, ports: bool | Sequence[str] = False, contacts:
     """
     if isinstance(method, ParameterBox):
         if ports is not False or workers is not None or executor is not None:
-            raise InputError("ports, workers and executor are not for a ParameterBox: the box has the contacts themselves")
+            raise InputError("a ParameterBox takes no ports, workers or executor, but contacts: reduce(sub, box, contacts=...)")
         return over_box(family_of(sub, contacts, list(method.ranges), method.ranges, apart=True), method)
     if isinstance(method, Mapping):
         return _part_by_part(sub, method, ports, contacts, workers, executor)
     if workers is not None or executor is not None:
-        raise InputError("workers and executor are for the parts of a system: name them with their methods, as in "
+        raise InputError("workers and executor are for the parts of a system: give a method for each part, as in "
                          "reduce(system, {'disc': CraigBampton(20), 'pad': CraigBampton(10)}, workers=2)")
     with reused_memory(getattr(sub, "size", 0)):
         return reduced(sub, method, ports, contacts)
@@ -165,8 +165,8 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
         raise InputError("contacts belong to one component with a tolerance, or to a system whose parts are given one: with "
                          "numbers of modes they have no effect. Leave them out")
     found: dict[str, ReducedSubstructure] = {}
-    first: dict[str, str] = {}  # the part that a part is equal to, or its own name
-    seen: dict[tuple[object, ...], list[str]] = {}  # parts that are equal to no earlier one, by their marks
+    first: dict[str, str] = {}  # for each part, the first part that is equal to it
+    seen: dict[tuple[object, ...], list[str]] = {}  # the first of equal parts, by their marks
     for name, method in methods.items():
         part = system.parts[name]
         if isinstance(method, ReducedSubstructure):
@@ -182,7 +182,7 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
                 alike.append(name)
     tasks = {name: checked(system.parts[name], methods[name], ports, None)  # type: ignore[arg-type]
              for name in first if first[name] == name}
-    largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # they begin
+    largest = sorted(tasks, key=lambda name: -tasks[name].sub.size)  # the largest parts are reduced first
     beside = sum(tasks[name].sub.size for name in largest[:workers or 1])
     needs = {name: sum(reduction_bytes(task.sub.K, task.columns, task.method.modes or FIRST, task.held).values())
              for name, task in tasks.items() if beside >= LARGE and sp.issparse(task.sub.K)}
@@ -193,7 +193,7 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
         error.done.update(found | _twins(error.done, first, system))
         raise
     found |= _twins(made, first, system)
-    for name in first:  # of models that workers made, too
+    for name in first:  # models from workers have lost their reference to the full part
         part, method = system.parts[name], methods[name]
         assert isinstance(method, Method)
         found[name]._set(wider=Wider(weakref.ref(part), part if part.size <= DENSE else None, method.held))
@@ -206,7 +206,7 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
     Raises
     ------
     InputError
-        The parts have different ones, or a method whose modes are not those of a system with its interfaces held.
+        The parts have different bands or tolerances, or a method does not keep modes with the interface fixed.
     """
     goals = {name: goal for name, method in methods.items() if isinstance(method, Method) and (goal := method.goal) is not None}
     if not goals:
@@ -214,8 +214,8 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
     (first, goal), *_ = goals.items()
     for name, other in goals.items():
         if other != goal:
-            raise InputError(f"band and tol are those of the system, the same for all parts, but {first!r} has {goal.tol:g} in "
-                             f"{goal.band} and {name!r} {other.tol:g} in {other.band}")
+            raise InputError(f"band and tol hold for the whole system and must be the same for all parts, but {first!r} has "
+                             f"{goal.tol:g} in {goal.band} and {name!r} {other.tol:g} in {other.band}")
     for name, method in methods.items():
         if not (isinstance(method, CraigBampton) and type(method).kept is CraigBampton.kept):
             raise InputError("modes are chosen for the band of a system where its parts are reduced by CraigBampton or Hurty, "
@@ -225,7 +225,7 @@ def _common_goal(methods: Mapping[str, Method | ReducedSubstructure]) -> Goal | 
 
 
 def _equal(one: Substructure, other: Substructure) -> bool:
-    """Whether two full components have the same matrices, interface and ports, whatever their names and places."""
+    """Whether two full components have the same matrices, interface and ports. Names and positions may differ."""
     if one is other:
         return True
     if type(one) is not Substructure or type(other) is not Substructure or list(one.ports) != list(other.ports):
@@ -237,7 +237,7 @@ def _equal(one: Substructure, other: Substructure) -> bool:
 
 
 def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], system: System) -> dict[str, ReducedSubstructure]:
-    """The models by part, where each part has that of the part it is equal to, with its own name, DOF map and sets."""
+    """The reduced model of each part. Equal parts share one model, but each has its own name, DOF map and sets."""
     parts = system.parts
     return {name: made[one] if parts[name] is parts[one] else replace(
         made[one], name=parts[name].name, full_dofs=parts[name].dofs, interface_dofs=parts[name].interface_dofs,
@@ -246,7 +246,7 @@ def _twins(made: Mapping[str, ReducedSubstructure], first: Mapping[str, str], sy
 
 def _together(system: System, methods: Mapping[str, Method], ports: bool, contacts: Belt | Sequence[Belt] | None,
               goal: Goal) -> System:
-    """The parts reduced so that the system meets a tolerance; see `chosen`."""
+    """The system with its parts reduced so that the system meets a tolerance; see `chosen`."""
     tasks = {name: checked(system.parts[name], method, ports, None) for name, method in methods.items()}
     parts = {name: task.method.part(task.sub) for name, task in tasks.items()}
     with one_thread(sum(task.work for task in tasks.values()) < WORK), kept_free(sum(task.beside for task in tasks.values())):

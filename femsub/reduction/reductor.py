@@ -1,4 +1,4 @@
-"""A reductor makes the largest model once. Every smaller one lies in its span, and follows from small dense matrices."""
+"""A reductor computes the largest model once. The span of a smaller model lies in its span: only small matrices are needed."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 class Reductor:
     """The models of one component by one method with m modes, for all m up to that of the method: ``Reductor(...).first(m)``.
 
-    They are those of ``reduce(sub, replace(method, modes=m))`` to the accuracy of the modes. With U = [C Φ Ξ] of the largest
-    model, those with fewer modes have V = U T:
+    They equal ``reduce(sub, replace(method, modes=m))`` to the accuracy of the modes. With U = [C Φ Ξ] of the largest model, a
+    model with fewer modes has V = U T and the static responses
 
         Ξ_m = Φ_l Λ_l⁻¹ Φ_lᵀF + Ξ (ΞᵀKΞ)⁻¹ ΞᵀF,   Φ_l the modes left out, without dependent columns.
 
-    So each model takes one product with U, and all else are matrices of its size. Methods whose factor depends on the number of
-    modes (`Guyan`) are run anew.
+    So each model takes one product with U; all other matrices have the size of the largest model. A method whose factor depends
+    on the number of modes (`Guyan`) is run again for each model.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Reductor:
     method : Method
         With the largest number of modes.
     ports : bool or sequence of str
-        As of `reduce`.
+        As in `reduce`.
 
     Examples
     --------
@@ -69,7 +69,7 @@ class Reductor:
         self._known = True
 
     def first(self, modes: int) -> ReducedSubstructure:
-        """The model with the lowest modes, so many of them."""
+        """The model with the `modes` lowest modes."""
         method = replace(self.task.method, modes=whole_number("modes", modes, least=0, most=self.task.method.modes or 0))
         if not self._known:
             return reduced(self.task.sub, method, self._ports)
@@ -96,7 +96,7 @@ class Reductor:
 
 
 def times(U: Array, T: Array) -> Array:
-    """UT. Where a column of T is one of the identity, that of U is copied."""
+    """UT, shape (n, k). If a column of T is a unit vector, the column of U is copied instead."""
     plain = (np.count_nonzero(T, axis=0) == 1) & (T == 1.0).any(axis=0)
     V = np.empty((len(U), T.shape[1]), order="F")
     V[:, plain] = U[:, T[:, plain].argmax(axis=0)]

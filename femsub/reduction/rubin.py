@@ -19,9 +19,9 @@ class Rubin(FreeInterface):
         M = [[G⁻¹HG⁻¹, -G⁻¹HG⁻¹Φ_b], [-Φ_bᵀG⁻¹HG⁻¹, I + Φ_bᵀG⁻¹HG⁻¹Φ_b]].
 
     G⁻¹ - ω² G⁻¹HG⁻¹ is Rubin's expansion of the residual's dynamic stiffness up to ω². It is also an exact projection onto
-    [Φ Ψ]. The span is that of Craig-Chang, so frequencies bound those of the full model from above. It is also what Craig and
-    Chang (1977) call their method with the physical interface: u_b = Φ_b η + Ψ_b p is solved for p. If the modes leave no
-    residual in some direction (G is singular), modal coordinates are solved for instead (`recovered`). ``.dropped`` is the
+    [Φ Ψ]. The span is that of Craig-Chang, so frequencies bound those of the full model from above. Craig and Chang (1977)
+    describe the same model as their method with the physical interface: u_b = Φ_b η + Ψ_b p is solved for p. If the modes leave
+    no residual in some direction (G is singular), modal coordinates are solved for instead (`recovered`). ``.dropped`` is the
     number of columns lost in this way.
 
     Parameters
@@ -46,5 +46,5 @@ class Rubin(FreeInterface):
     key, label, colour, marker = "rubin", "Rubin", "#009e73", "D"
 
     def coordinates(self, basis: Basis, statics: Statics) -> Basis:
-        """Those of Craig-Chang, solved for the interface."""
+        """The Craig-Chang basis in physical interface coordinates."""
         return recovered(basis, statics)

@@ -1,4 +1,4 @@
-"""Eigenpairs of a small model of second order in the time that its wanted ones take: projection on states that move with p.
+"""Eigenpairs of a small second-order model, only those in a contour: projection on states that depend on the parameters p.
 
 In first order, with right states (x, λx) and left states ((D + λM)ᴴz, z),
 
@@ -7,15 +7,15 @@ In first order, with right states (x, λx) and left states ((D + λM)ᴴz, z),
 
 No eigenvalue crosses the contour Γ of a proved cell. So Π(p) = (1/2πi) ∮ (sb - a)⁻¹b ds = X(ZᴴbX)⁻¹Zᴴb, with the right and
 left states X and Z of the k eigenvalues inside, is analytic in the parameters p. So are the real bases Π(p)X_c of right and
-(bΠ(p)b⁻¹)ᵀZ_c of left states, X_c and Z_c those of the middle of the cell. Polynomials of low degree give these bases:
+(bΠ(p)b⁻¹)ᵀZ_c of left states, with the bases X_c and Z_c in the middle of the cell. Polynomials of low degree give these bases:
 
     X(p) = Σ_e T_e(p) X_e,   Z(p) = Σ_e T_e(p) Z_e,   T_e(p) = Π_i T_{e_i}(p_i),   e_1 + e_2 + … ≤ degree.
 
-The pencil ZᵀaX - λ ZᵀbX has order k: as many eigenvalues as are wanted, and none besides. Where two modes become one, their
-vectors have no derivative, but Π has.
+The pencil ZᵀaX - λ ZᵀbX of order k has exactly the eigenvalues inside Γ. Where two modes coalesce, their vectors have no
+derivative, but Π has one.
 
-Pairs whose residuals need it take steps of inverse iteration on P(λ), and the number of circles of error shows whether all are
-there. The polynomials are exact at discrete Leja points, each degree at those of the one before and at new ones.
+Pairs with too large residuals are improved by inverse iteration on P(λ). The number of separate error circles shows whether all
+pairs were found. The polynomials are exact at discrete Leja points: each degree adds new points to those of the degree before.
 
 Sources: T. Kato, Perturbation Theory for Linear Operators (1966), ch. 2 (Π(p)); L. Bos, S. De Marchi, A. Sommariva, M. Vianello,
 SIAM J. Numer. Anal. 48 (2010) 1984 (Leja points by an LU factor).
@@ -46,7 +46,7 @@ Inside = Callable[[Array], Array]
 class Polynomials:
     """Products T_e of Chebyshev's polynomials over ranges of q parameters, e (m, q) in order of degree, and nodes (m, q).
 
-    The first nodes are those of lower degrees, the very first is the middle.
+    The first nodes are those of lower degrees; the very first is the middle of the ranges.
     """
 
     ranges: Mapping[str, tuple[float, float]]
@@ -55,7 +55,7 @@ class Polynomials:
 
     @classmethod
     def of(cls, ranges: Mapping[str, tuple[float, float]], most: int) -> Polynomials:
-        """Of the highest degree with at most so many of them, 1 at least."""
+        """The products up to the highest degree for which there are at most `most` of them; at least one product."""
         from scipy.stats import qmc  # takes a tenth of a second to load
 
         q, degree = len(ranges), 0
@@ -80,7 +80,7 @@ class Polynomials:
 
     @property
     def counts(self) -> list[int]:
-        """How many there are of a degree of at most 0, 1, …"""
+        """The numbers of products of degree up to 0, 1, …"""
         return [int(count) for count in np.cumsum(np.bincount(self.e.sum(axis=1)))]
 
 
@@ -92,9 +92,10 @@ class Spaces(NamedTuple):
 
     @classmethod
     def of(cls, matrices: Matrices, lam: Array, x: Array, z: Array, unit: float, middle: Spaces | None = None) -> Spaces:
-        """Of all eigenpairs inside, conjugates included, of any lengths: those of the middle, if given, as Π moves them.
+        """The bases, from all eigenpairs inside, conjugates included; their vectors may have any lengths.
 
-        Else principal directions as long as their singular values.
+        If the bases of the middle are given, Π is applied to them. Otherwise the bases are principal directions, each as long as
+        its singular value.
         """
         _, D, M = matrices
         X, Z = np.vstack([x, x * (lam / unit)]), np.vstack([unit * (D.T @ z + M.T @ (z * lam.conj())), z])
@@ -112,7 +113,7 @@ class Spaces(NamedTuple):
 
 
 class Norms(NamedTuple):
-    """Norms (j,) of an inverse at some λ (j,): at others that at the nearest of these, 0 where there is none."""
+    """Norms (j,) of an inverse at λ (j,). Any other λ gets the norm at the nearest of these λ, or 0 if there are none."""
 
     at: Array = np.zeros(0, dtype=complex)
     size: Array = np.zeros(0)
@@ -123,25 +124,25 @@ class Norms(NamedTuple):
         return np.asarray(self.size[np.abs(lam[:, None] - self.at).argmin(axis=1)])
 
     def joined(self, other: Norms) -> Norms:
-        """Those at other values of the parameters as well: at each λ the larger one."""
+        """These norms and those at other values of the parameters: the larger norm at each λ."""
         sizes = np.maximum(self.size, other(self.at)), np.maximum(other.size, self(other.at))
         return Norms(np.append(self.at, other.at), np.concatenate(sizes))
 
 
 @dataclass(frozen=True)
 class States:
-    """X_e and Z_e (m, 2d, k) of some products T_e of the parameters, in a unit of λ; `given` are parameters with a value."""
+    """X_e and Z_e (m, 2d, k) for products T_e of the parameters, in a unit of λ. `given` holds parameters of fixed value."""
 
     over: Polynomials
     right: Array
     left: Array
     unit: float
     given: Mapping[str, float] = field(default_factory=dict)
-    inverse: Norms = field(default_factory=Norms)  #: `inverse_beside` the pairs inside, of the whole problem
+    inverse: Norms = field(default_factory=Norms)  #: norms from `inverse_beside`, without the pairs inside
 
     @classmethod
     def of(cls, over: Polynomials, spaces: Sequence[Spaces], unit: float) -> States:
-        """With these values at the first nodes, as many as there are polynomials of some degree."""
+        """The interpolation of `spaces` at the first nodes; their number must be one of `Polynomials.counts`."""
         m = len(spaces)
         inverse = np.linalg.inv(over.weights(over.nodes[:m])[:, :m])
         right, left = (np.tensordot(inverse, np.array(side), 1) for side in zip(*spaces, strict=True))
@@ -154,7 +155,7 @@ class States:
         return Spaces(*((weights @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (self.right, self.left)))
 
     def staying(self, values: Mapping[str, float]) -> States:
-        """The bases at these values, for all others as well."""
+        """States with constant bases, which are those at `values`."""
         right, left = self.at(values)
         return replace(self, right=right[None], left=left[None])
 
@@ -165,15 +166,15 @@ class States:
         a = dz.T @ dx - z.T @ (K @ x + self.unit * (D @ dx))
         solve = _solver(dz.T @ x + self.unit**2 * (z.T @ (M @ dx)))
         lam, y = np.linalg.eig(solve(a))
-        lam = self.unit * lam.astype(complex)  # NumPy's are real where all are, and would be taken for frequencies
+        lam = self.unit * lam.astype(complex)  # NumPy returns a real array if all are real, which would be taken for frequencies
         at = np.flatnonzero(inside(lam) & (lam.imag >= 0))
         w = solve(np.linalg.inv(y)[at].T, 1).conj()
-        w = np.where(lam[at].imag == 0, w.real, w)  # the inverse left them a rounding
+        w = np.where(lam[at].imag == 0, w.real, w)  # the inverse leaves rounding in the imaginary part
         return lam[at], x @ y[:, at], z @ w
 
 
 def _solver(A: Array) -> Callable[..., Array]:
-    """(b, trans) to A⁻¹b, A⁻ᵀb or A⁻ᴴb. Where A is singular the result is not finite; there is no warning."""
+    """A function of (b, trans) that returns A⁻¹b, A⁻ᵀb or A⁻ᴴb. If A is singular, its result is not finite, without a warning."""
     getrf, = la.get_lapack_funcs(("getrf",), (A,))
     lu, pivots, _ = getrf(A)
 
@@ -185,7 +186,7 @@ def _solver(A: Array) -> Callable[..., Array]:
 
 
 def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
-    """λ by the quotient of x and z, which get |zᴴP'(λ)x| = 1 and equal lengths."""
+    """λ corrected by the two-sided quotient zᴴP(λ)x / zᴴP'(λ)x; x and z scaled to |zᴴP'(λ)x| = 1 and equal lengths."""
     K, D, M = matrices
     damped, inert = D @ x, lam * (M @ x)
     quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
@@ -194,7 +195,7 @@ def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, 
 
 
 def improved(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
-    """`settled` pairs of LAPACK, |zᴴP'(λ)x| = 1; a double λ, as 0 of rigid motion, has no such quotient and stays."""
+    """`settled` pairs of LAPACK, |zᴴP'(λ)x| = 1. A double λ, such as 0 of rigid motion, has no such quotient: it is kept."""
     found = settled(matrices, lam, x, z)
     simple = np.abs(found[0] - lam) <= EPS**0.25 * np.abs(lam)
     even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
@@ -213,9 +214,9 @@ def residuals(matrices: Matrices, lam: Array, x: Array, z: Array) -> Array:
 
 
 def inverse_beside(at: Array, lam: Array, x: Array, z: Array, steps: int = 20) -> Norms:
-    """‖Σ x_j z_jᴴ / (λ_j - λ)‖ for each λ in `at`, by power iteration: the norm of P(λ)⁻¹ without some pairs.
+    """‖Σ x_j z_jᴴ / (λ_j - λ)‖ for each λ in `at`, by power iteration: the norm of P(λ)⁻¹ without the pairs inside a contour.
 
-    The others are λ (k,), x and z (d, k) with |zᴴP'(λ)x| = 1. If a contour separates both, the sum is analytic inside.
+    The sum is over the pairs outside, λ_j = `lam` (k,), x and z (d, k) with |zᴴP'(λ)x| = 1. It is analytic inside.
     """
     weights, square = 1 / (lam[:, None] - at), np.ones(len(at))
     y: Array = np.random.default_rng(0).standard_normal((len(x), len(at)))
@@ -239,7 +240,7 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
 
 def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
          tol: float) -> tuple[list[Array], Array, int, Array]:
-    """λ, x, z and `sizes` of the states; which of these count, see `listed`; how many lack, with conjugates; λ of `pairs`."""
+    """Pairs from the states: λ, x, z, `sizes`; the indices of those that count, see `listed`; how many are missing; raw λ."""
     with np.errstate(all="ignore"):
         try:
             found = states.pairs(values, matrices, inside)
@@ -247,7 +248,7 @@ def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside
             found = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
         lam, x, z = settled(matrices, *found)
         size = sizes(lam, x, z) + states.inverse(lam) * residuals(matrices, lam, x, z)
-        # half of the tolerance: radii may grow by what a new value shows
+        # half of the tolerance, since `least` may be corrected later, and the radii then grow
         return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number), found[0]
 
 
@@ -255,14 +256,13 @@ def listed(states: States, values: Mapping[str, float], matrices: Matrices, insi
            sizes: RadiiAt, tol: float, fine: bool = False, steps: int = 6) -> tuple[Array, ...] | None:
     """λ, x, z and `sizes` of the eigenpairs inside a contour with Im λ ≥ 0; `inside` says which λ are.
 
-    Pairs whose circles are too large are iterated; if `fine`, all are. One that still moves by more than its circle after so many
-    `steps` does not count.
-    These count if as many circles of at most tol |λ| are apart from each other as there are eigenvalues, conjugates included.
-    None otherwise: then the whole problem is to be solved.
+    Pairs whose circles are too large are iterated; with `fine`, all pairs are. A pair that still moves by more than its circle
+    after `steps` iterations does not count. The pairs are returned if `number` circles of radius up to tol |λ|, conjugates
+    included, are apart from each other. Otherwise None is returned, and the whole eigenproblem must be solved.
     """
     (lam, x, z, size), at, missing, _ = seen(states, values, matrices, inside, number, sizes, tol)
     waiting = np.argsort(size)
-    waiting = waiting[~np.isin(waiting, at)]  # most of them belong to nothing, and have the largest residuals
+    waiting = waiting[~np.isin(waiting, at)]  # most are spurious, and have the largest residuals
     better = np.append(at[:len(at) * fine], waiting[:max(missing, 0)])
     with np.errstate(all="ignore"):
         while len(better):
@@ -283,7 +283,7 @@ def listed(states: States, values: Mapping[str, float], matrices: Matrices, insi
 
 
 def _apart(lam: Array, size: Array, inside: Inside, tol: float, number: int) -> tuple[Array, int]:
-    """Those of size ≤ tol |λ| whose circle is apart from all smaller ones, and how many lack, with conjugates."""
+    """Indices of λ with size ≤ tol |λ| whose circle is apart from all smaller circles; how many are missing, with conjugates."""
     at = np.argsort(size)
     apart = np.abs(lam[at, None] - lam[at]) > size[at, None] + size[at]
     apart[np.triu_indices(len(at))] = True

@@ -1,4 +1,4 @@
-"""Reductions in steps: of a model, of the parts of a system, and of what these have left; what they are called and have kept."""
+"""Reductions in several steps, of a model or of the parts of a system, with names and mode counts for tables."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def methods_of(steps: Sequence[Step]) -> list[Method]:
 
 def reduced_by(model: Substructure, steps: Sequence[Step], contacts: Sequence[Contact], ports: bool, workers: int | None = None,
                bases: Bases | None = None) -> Substructure:
-    """The model after all steps. A tolerance holds under the contacts; `ports` of contact modes are those of the contacts."""
+    """The model after all steps. A tolerance holds under the contacts. For contact modes, `ports` means the contacts' ports."""
     if bases is not None:
         bases.lent = 0.0
     for step in steps:
         places = [name for contact in contacts for name in contact.ports]
         joining: Any = places if isinstance(step, ContactModes) and ports and contacts else ports
-        judged: Any = contacts or None  # the contacts under which a tolerance holds; contact modes have them themselves
+        judged: Any = contacts or None  # a tolerance holds under these contacts; ContactModes has contacts of its own
         if bases is not None and isinstance(step, Method) and step.modes is not None:
             model = bases.first(model, step, joining)
             continue
@@ -46,9 +46,9 @@ def reduced_by(model: Substructure, steps: Sequence[Step], contacts: Sequence[Co
 
 
 class Bases:
-    """The reductors of one turn: one for each model and method, with the most modes that are asked for.
+    """Reductors for a list of reductions: one for each model and method, with the largest number of modes requested.
 
-    `lent` are the seconds of the bases that the last model took, but which were made for another one.
+    `lent` is the time in seconds of bases that the last model used, but that were computed for an earlier model.
     """
 
     def __init__(self, methods: Sequence[Sequence[Step]]) -> None:
@@ -57,7 +57,7 @@ class Bases:
         self.lent = 0.0
 
     def first(self, model: Substructure, method: Method, ports: Any) -> ReducedSubstructure:
-        """The model by a method with a number of modes."""
+        """The model reduced by a method with a number of modes; an existing reductor is used if there is one."""
         found = next((one for one in self.made if one[0] is model and _alike(one[1].task.method, method)), None)
         if found is None:
             most = max((one for one in self.asked if _alike(one, method)), key=lambda one: one.modes or 0)
@@ -71,19 +71,19 @@ class Bases:
 
 
 def _alike(one: Method, other: Method) -> bool:
-    """Whether two methods with a number of modes differ in this number alone."""
+    """Whether two methods have numbers of modes, and are otherwise equal."""
     return one.modes is not None and other.modes is not None and type(one) is type(other) and \
         replace(one, modes=other.modes) == other
 
 
 def key_of(steps: Sequence[Step]) -> str:
-    """The key of the first step, or of that of all parts; 'mixed' where they differ, 'full' without any."""
+    """The key of the first step; 'mixed' if the parts have methods with different keys, 'full' without any step."""
     keys = {one.row_key for one in methods_of(steps[:1])} if steps else {"full"}
     return keys.pop() if len(keys) == 1 else "mixed"
 
 
 def step_name(steps: Sequence[Step]) -> str:
-    """The label of the method, or what each part is reduced by."""
+    """The label of the method; for a mixed key, each part with its method."""
     return in_words(steps) if key_of(steps) == "mixed" else label(key_of(steps))
 
 
@@ -107,7 +107,7 @@ def kept_modes(model: Substructure) -> dict[str, int]:
 
 
 def port_error(model: Substructure, port: str) -> float:
-    """The static error at a port in the energy norm, of a system that of the part that has the port."""
+    """The static error at a port in the energy norm; for a system, the error of the part that has the port."""
     if isinstance(model, System):
         name, _, rest = port.partition(".")
         return port_error(model.parts[name], rest) if name in model.parts else 0.0
@@ -115,9 +115,9 @@ def port_error(model: Substructure, port: str) -> float:
 
 
 def twins(one: Substructure, other: Substructure, tol: float = 1e-6) -> bool:
-    """Whether two reduced models of one part are the same in other coordinates, q = T p.
+    """Whether two reduced models of one part are the same model in different coordinates, q = T p.
 
-    Shapes, M and K differ by at most `tol`: such models have rounding and the errors of an eigensolver apart.
+    Shapes, M and K differ by at most the relative `tol`, to allow for rounding and for errors of the eigensolver.
     """
     if one.size != other.size or not isinstance(one, ReducedSubstructure) or not isinstance(other, ReducedSubstructure):
         return False

@@ -1,9 +1,9 @@
-"""Right and left eigenvectors of a system with friction at one value of its parameters, as many as a tolerance needs.
+"""A basis of right and left eigenvectors of a system with friction, with as few vectors as a tolerance allows.
 
-A box of one value (`femsub.reduction.over_box`) gives a model that is closer to the full one than the tolerance asks for, with
-the number of eigenvalues in the band counted. Real and imaginary parts of its right and left vectors are ordered by their shares
-of the residual that the tolerance allows. The fewest of them span the basis whose λ are within the tolerance of that model, and
-its radii count in.
+A parameter box of one value (`femsub.reduction.over_box`) gives a reference model that is more accurate than the tolerance
+requires. Its eigenvalues in the band are counted. The real and imaginary parts of its right and left vectors are ordered by
+their contribution to the residual, relative to the residual that the tolerance allows. The basis takes vectors in this order
+until its λ are within the tolerance. The radii of the reference model are included in the error.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from femsub.reduction.parameter_box import ParameterBox
 
 def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: float = 1e-3,
                    first: float = 8.0) -> tuple[Array, Estimate]:
-    """V (n, r), whose span holds shapes (n, k), and the error of each λ of VᵀP(s)V in a band; P has no parameters.
+    """V (n, r), whose span contains `shapes` (n, k), and the error of each λ of VᵀP(s)V in a band; P has no parameters.
 
-    The model with which that of V is compared has the tolerance times `finer`. The first V that is tried has the directions whose
-    shares of the residual that is allowed exceed `first`.
+    The tolerance of the reference model is `finer` times that of V. The first V has the directions whose contribution to the
+    residual is more than `first` times the allowed one.
 
     Raises
     ------
     NotConvergedError
-        The eigenvalues in the band cannot be counted, or rounding does not let the tolerance be met.
+        The eigenvalues in the band cannot be counted, or rounding prevents the tolerance from being met.
     """
     (lo, hi), tol = goal.band, goal.tol
     model, fixed = at_one_value(family, ParameterBox({}, goal.band, tol * finer), shapes)
@@ -41,7 +41,7 @@ def vectors_within(family: Affine, goal: Goal, shapes: Array, name: str, finer: 
     larger, exact, x, z, size = model.pairs({})
     still, cutoff = model.box.still, float((cell.contour.sides or (0.0, 0.0, hi))[2])
     share = np.sqrt(model.radii.least * tol * np.maximum(np.abs(exact), still))
-    # beyond the vectors all other directions, those of the most inertia first: a poor basis may have λ that belong to nothing
+    # after the vectors all other directions, largest inertia first: with the vectors alone, V may have spurious λ
     sides = [part for side in (x, z) for part in real_parts(side[fixed:] / share)]
     U, weight, _ = np.linalg.svd(np.hstack([*sides, EPS**0.5 / larger.norms[0] * larger.M[fixed:, fixed:]]), full_matrices=False)
     moving = np.abs(exact) > still

@@ -1,8 +1,8 @@
-"""A reduced model with more shapes: the static responses to what its modes leave in the full component's equations.
+"""A reduced model with additional shapes: static responses to the residuals of its modes in the full component's equations.
 
-P(iω)Vφ of a mode iω, φ of the model is not 0. Its response K⁻¹P(iω)Vφ is the first term of what the basis lacks for that mode. So
-a model that has these shapes as well tells how much a result depends on what is left out. This needs a few solves with the factor
-of the reduction, and no solution of the full model.
+For a mode iω, φ of the model, the residual P(iω)Vφ is not 0. The static response K⁻¹P(iω)Vφ is the first term of the basis'
+error for that mode. A model with these additional shapes therefore shows how much a result depends on the truncation. This needs
+a few solves with the factor of the reduction, and no solution of the full model.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Wider:
-    """Makes a wider model as long as the full component exists. Neither is pickled.
+    """Extends the basis of a model, as long as the full component exists. Neither this object nor the component is pickled.
 
-    A component of up to DENSE coordinates is `kept`; a larger one, with its factor, would take too much memory.
+    A component of up to DENSE coordinates is `kept` alive; keeping a larger component and its factor would take too much memory.
     """
 
     full: weakref.ref[Substructure]
     kept: Substructure | None
     held: bool
-    #: makes the part that is factorised, where it is another than the full component's, as that of a system in contact
+    #: makes the part that is factorised; None: the part of the full component. A system in contact has another K
     part: Callable[[Substructure], Partition] | None = None
     known: dict[str, Partition] = field(default_factory=dict)
 
     def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
         """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
 
-        The first coordinates are those of the model, and so are their matrices. D may be another than that of the component.
+        The new coordinates follow those of the model, whose matrices keep their values. The model's D may include other damping
+        than the component's D.
         """
         sub, V = self.full(), model.V
         if sub is None or sub.size != len(V) or self.part is not None:
@@ -56,7 +57,7 @@ class Wider:
         return replace(model, **self.bordered(model, sub, new), estimate=None, estimated=None)
 
     def shapes(self, model: ReducedSubstructure, sub: Substructure, loads: Sequence[Array]) -> list[Array]:
-        """What the static responses to each of these loads, (n, k), have outside the basis: M-orthonormal, each by itself."""
+        """For each of the loads (n, k), the part of its static responses outside the basis, made M-orthonormal."""
         values, turn = np.linalg.eigh(model.M)
         massive = values > values[-1] * SINGULAR
         known = model.V @ (turn[:, massive] / np.sqrt(values[massive]))
@@ -64,7 +65,7 @@ class Wider:
         return [orthonormal(one, sub.M.__matmul__, known)[0] for one in found]
 
     def bordered(self, model: ReducedSubstructure, sub: Substructure, new: Array) -> dict[str, Any]:
-        """The fields of the model that new columns (n, k) of the basis make larger."""
+        """The fields of the model that change if `new` columns (n, k) are appended to the basis."""
         V = model.V
         wide = np.hstack([V, new])
         M, D, K = (_bordered(own, wide.T @ (A @ new)) for own, A in ((model.M, sub.M), (model.D, sub.D), (model.K, sub.K)))
@@ -75,17 +76,17 @@ class Wider:
         return {"M": M, "D": D, "K": K, "H": H, "V": wide, "ports": ports, "kinds": (*model.kinds, *("residual",) * new.shape[1])}
 
     def responses(self, sub: Substructure, loads: Array) -> Array:
-        """K⁻¹F (n, k) of loads on the full component, without rigid motion; with the interface held, if the basis has it so."""
+        """K⁻¹F (n, k) for loads on the full component, without rigid motion; with the interface held if the method holds it."""
         part = self.partition(sub)
         found = np.zeros(loads.shape)
         found[part.rows] = part.factored().elastic_solve(loads[part.rows])
         return found
 
     def partition(self, sub: Substructure) -> Partition:
-        """The part that is factorised; its K is that of the full component, or of the system in contact."""
+        """The part that is factorised, with the K of the full component or of the system in contact."""
         if self.part is None:
             return Partition.of(sub, self.held)
-        if "part" not in self.known:  # each has matrices of its own, for which a factor is made
+        if "part" not in self.known:  # every call would make new matrices, and so a new factor
             self.known["part"] = self.part(sub)
         return self.known["part"]
 

@@ -1,4 +1,4 @@
-"""Where friction takes the stability away. In: a model and a port. Out: the critical slope, and growth rates over the slope."""
+"""Loss of stability. In: a model and its contacts. Out: critical values of parameters, growth rates, borders, and maps."""
 
 import lazy_loader
 

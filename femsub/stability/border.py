@@ -20,7 +20,7 @@ from femsub.stability.crossings import ASIDE
 
 FELT = 2**20 * EPS  # a shape moves the contact if |Wᵀq| exceeds this share of ‖W‖‖q‖
 NO_RATIO = 1024 * EPS  # twice a damping ratio of the size of rounding
-OUTSIDE = 0.02  # of the band or of an edge: how far outside modes are followed, since Im λ moves with the parameter
+OUTSIDE = 0.02  # share of the band or of an edge: modes are followed so far outside, since Im λ moves with the parameter
 METHOD = "bracketing"
 Band = tuple[float, float]
 
@@ -29,7 +29,7 @@ Band = tuple[float, float]
 class Border:
     """A stability border: c, the k frequencies that cross there, their shapes (n, k), Re λ of the first just above and below c.
 
-    By default stability is never lost.
+    The default values mean that stability is never lost.
 
     `unstable` are the λ that grow at c = 0 already, with Im λ ≥ 0. `beyond` is the number of growing eigenvalues just below c.
     """
@@ -47,7 +47,7 @@ class Border:
         return float(self.crossing[0]) if len(self.crossing) else np.nan
 
     def joined(self, omega: Array, shapes: Array) -> Border:
-        """The border of a drift with the oscillating modes that cross with it."""
+        """The border of a drift, with the oscillating modes that cross at the same c."""
         return replace(self, crossing=np.append(self.crossing, omega), shapes=np.hstack([self.shapes, shapes]))
 
 
@@ -61,7 +61,7 @@ class ModalContact:
         self.contact = self.W @ self.W.T
         self.symmetric = is_symmetric(pencil.D)
         # Dissipation is summed dashpot by dashpot: in ΦᵀDΦ the rounding of a large dashpot would exceed the small ones.
-        # By LDLᵀ: eigenvectors have rounding errors of the size of the largest entry everywhere.
+        # LDLᵀ is used, since all entries of eigenvectors have rounding errors of the size of the largest entry.
         lower, blocks, _ = la.ldl((pencil.D + pencil.D.T) / 2, check_finite=False)
         power, turn = np.linalg.eigh(blocks)
         self.power, self.strokes = power[power != 0], (lower @ turn[:, power != 0]).T @ form.shapes
@@ -71,7 +71,7 @@ class ModalContact:
     def decomposition(self, c: float) -> tuple[Array, Array, Array]:
         """λ, left and right vectors of the state matrix at contact coefficient c; the last few are cached."""
         if c not in self._known:
-            if len(self._known) >= 3:  # one border looks at c and on both sides of it
+            if len(self._known) >= 3:  # a border needs c and a value on each side of it
                 self._known.pop(next(iter(self._known)))
             self._known[c] = la.eig(self.form.state(self.form.C + c * self.contact), left=True, right=True, check_finite=False)
         return self._known[c]
@@ -112,7 +112,7 @@ class ModalContact:
         return np.sort(np.repeat(values.real, np.where(values.imag > 0, 2, 1)))[::-1]
 
     def beside(self, c: float, omega: float, rate: float = 0.0) -> tuple[float, float]:
-        """Re λ of the pair next to iω at c(1 ∓ ASIDE); for ω = 0 that of the real λ with dλ/dc = -rate."""
+        """Re λ of the pair next to iω at c(1 ∓ ASIDE); for ω = 0, of the real λ with dλ/dc = -rate."""
         found = []
         for at in (c * (1 - ASIDE), c * (1 + ASIDE)):
             values, _ = self.spectrum(at, (0.0, np.inf), real=not omega)
@@ -177,7 +177,7 @@ def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> 
     with one_thread(pencil.size <= FEW):
         model = ModalContact(pencil.dense(), W)
         form = model.form
-        # what is decided at c = 0: modes that grow, by more than some thousand roundings if D is unsymmetric or λ real
+        # decided at c = 0: modes that grow, by more than some thousand roundings if D is unsymmetric or λ real
         values, q = model.spectrum(0.0, band)
         undamped = model.undamped(values, q) & (np.abs(values.real) <= 1e3 * model.noise)
         growing = [values[(values.real > (0.0 if model.symmetric else model.noise)) & ~undamped]]
@@ -198,7 +198,7 @@ def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> 
         if not np.isfinite(border.c):
             return border
         before, beyond = (model.ranked(border.c * factor, band) for factor in (1 - ASIDE, 1 + ASIDE))
-    # of defective eigenvalues rounding takes more digits
+    # defective eigenvalues lose more digits to rounding
     if (already := before.max(initial=-np.inf)) > 1e2 * model.noise:
         raise NotConvergedError(f"the border c = {border.c:.9g} (ω = {border.omega:.6g}) is not the first one: Re λ = "
                                 f"{already:.3g} just before it. A pair that lost its stability outside the band has moved into "
@@ -207,7 +207,7 @@ def dense_border(pencil: Pencil, W: Array, band: Band, method: str = "auto") -> 
 
 
 def _rooted(model: ModalContact, band: Band) -> Border:
-    """The first root of the scalar function at which a pair begins to grow, or rigid motion that drifts before."""
+    """The first root of the scalar function at which a pair begins to grow, or the drift of rigid motion if that comes first."""
     function = PortFunction.of(model.form, model.W[:, 0], model.decomposition(0.0))
     omega, c = function.crossings(*band)
     drift = model.drift if band[0] == 0 else None
@@ -242,7 +242,7 @@ def _rooted(model: ModalContact, band: Band) -> Border:
 
 
 def bracketed(model: ModalContact, band: Band) -> Border:
-    """Steps down in c, half of the way to the next crossing predicted by dλ/dc, then bisection on Re λ.
+    """The border by steps down in c, half of the way to the next crossing predicted by dλ/dc, then by bisection on Re λ.
 
     Which pair crosses, and whether it does so in the band, is known only at the crossing. Pairs that cross outside the band
     are counted, and the pair with the next largest growth is followed.
@@ -292,7 +292,7 @@ def bracketed(model: ModalContact, band: Band) -> Border:
         inside, growth = in_band(values, band), np.abs(values.real)
         together = np.flatnonzero(inside & (growth <= max(model.noise, EQUAL * abs(c) * contact) * fed / contact))
         if not len(together):
-            # none within rounding: the nearest, by a millionth of what the contact feeds it
+            # no pair within rounding: the nearest one, if its growth is below a millionth of what the contact feeds it
             near = np.flatnonzero(inside & (growth <= 1e-6 * abs(c) * fed))
             together = near[np.argsort(growth[near])][:1]
         if len(together):

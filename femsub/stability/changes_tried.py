@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from femsub.model import Contacts
     from femsub.modes import ComplexModes
 
-SIDE = 4  #: dense models that are made and solved side by side: each has a basis of its own
+SIDE = 4  #: number of dense models that are made and solved in parallel; each has its own basis
 
 log = logging.getLogger(__name__)
 
@@ -34,18 +34,18 @@ _Key: TypeAlias = tuple[str, Any, Any]  # of a term: its matrix, and the numbers
 def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -> Any:
     """A model with changes at their amounts: M + ΔM, D + ΔD, K + ΔK and H + ΔH.
 
-    Of a full model this is exact. A reduced model gets static responses of the full one into its basis, as long as that exists:
-    K⁻¹Uᵀ of changes of up to `few` motions U, and else those to the forces of the change in the model's modes. Its ports and sets
-    stay.
+    For a full model this is exact. The basis of a reduced model gets static responses of the full model, as long as this exists:
+    K⁻¹Uᵀ for changes of up to `few` motions U, otherwise the responses to the forces of the change in the model's modes. Ports
+    and sets stay.
 
-    `change_error` estimates the relative error of λ, the largest of the modes up to 0.7 of the cut-off ω_c. Of the damping it has
-    that of the changes alone, and friction is not in it. With r = P(λ)Vx of the changed full model it is
+    `change_error` estimates the largest relative error of λ of the modes up to 0.7 of the cut-off ω_c. It includes the damping of
+    the changes, but no other damping and no friction. With the residual r = P(λ)Vx of the changed full model it is
     rᴴK⁻¹r / |λ xᵀP'(λ)x| (1 - |λ|²/ω_c²)⁻¹, without damping rᵀK⁻¹r / 2ω²φᵀMφ (1 - ω²/ω_c²)⁻¹.
 
     Parameters
     ----------
     model : Substructure
-        Full or reduced, or a system. Of a system of reduced parts, and of a `MacNeal` model, the basis stays as it is.
+        Full or reduced, or a system. The basis of a system of reduced parts, and of a `MacNeal` model, is not extended.
     changes : sequence of changes
         `AddedMass`, `AddedSpring`, `AddedDamper`, `MaterialChange`, `JointChange`, or a `Spring`.
     few : int
@@ -59,7 +59,7 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
     Raises
     ------
     InputError, InputTypeError
-        A change that the model has no place for; a mass that becomes negative.
+        A change that the model cannot take; a mass that becomes negative.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def modified(model: Substructure, changes: Sequence[Change], *, few: int = 12) -
 
 
 def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], few: int = 12) -> Iterator[Any]:
-    """The model with the changes of each candidate. Those of a reduced model share the work on the full one."""
+    """The model with the changes of each candidate. Candidates for a reduced model share the work on the full model."""
     if not isinstance(model, ReducedSubstructure):
         yield from (_plus(model, changes) for changes in candidates)
         return
@@ -95,7 +95,7 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
     def made(batch: list[list[_Acting]]) -> Iterator[Any]:
         joined = _ChangedBasis(model, full, batch, few)
         for at in range(0, len(batch), SIDE):
-            several = batch[at:at + SIDE]  # one alone takes solves with the full model
+            several = batch[at:at + SIDE]  # a single one solves with the full model
             yield from each_of(joined.changed, several) if len(several) > 1 else map(joined.changed, several)
 
     for changes in candidates:
@@ -112,7 +112,7 @@ def _each_modified(model: Substructure, candidates: Sequence[Sequence[Change]], 
 
 
 def _has_its_mass(model: ReducedSubstructure, full: Substructure) -> bool:
-    """Whether M is VᵀMV, by a random vector."""
+    """Whether M of the model is VᵀMV, tested with a random vector."""
     q = np.random.default_rng(5).standard_normal(model.size)
     u = model.V @ q
     energy = float(u @ (full.M @ u))
@@ -130,8 +130,8 @@ class _Acting(NamedTuple):
 class _ChangedBasis:
     """A reduced model with the static responses to many changes in one basis W = [V, N₁, N₂, …], (n, w).
 
-    Products with matrices of the full model are made once, for all of them. A model with some of the changes has V and the
-    columns that belong to these: its matrices are blocks of WᵀMW, WᵀDW and WᵀKW. The residual of a mode x = Wφ of the changed
+    Products with matrices of the full model are computed once for all changes. A model with some of the changes has V and the
+    columns of these changes: its matrices are blocks of WᵀMW, WᵀDW and WᵀKW. The residual of a mode x = Wφ of the changed
     model is
 
         r = KWφ - ω²MWφ + Σ θ (1 or -ω²) UᵀAUWφ = Zy,   Z = [KW, MW, L₁, L₂, …],
@@ -141,9 +141,9 @@ class _ChangedBasis:
 
     def __init__(self, model: ReducedSubstructure, full: Substructure, candidates: Sequence[Sequence[_Acting]], few: int) -> None:
         self.model, part = model, model.wider.partition(full)
-        self.contact = None if part.sub.K is full.K else part.sub.K - full.K  # of contact modes: what holds the parts together
+        self.contact = None if part.sub.K is full.K else part.sub.K - full.K  # for contact modes: the contact's stiffness
         self.terms = {key: term for acting in candidates for key, term, _ in acting}
-        # static responses to unit forces of a change of few motions, and to its forces in the model's modes else
+        # static responses to unit forces for a change of few motions, otherwise to its forces in the model's modes
         self.few = {key: term.U.shape[0] <= few for key, term in self.terms.items()}
         shapes = np.zeros((full.size, 0))
         if not all(self.few.values()):
@@ -161,7 +161,7 @@ class _ChangedBasis:
         self.moved = {key: np.asarray(term.U @ W) for key, term in self.terms.items()}
         self.K, self.M, self.responses = part.sub.K, full.M, partial(model.wider.responses, full)
         self.energy: Array | None = None
-        if len(candidates) == 1:  # it has fewer modes than Z has columns
+        if len(candidates) == 1:  # a single candidate has fewer modes than Z has columns
             return
         # ZᵀK⁻¹Z, and the places of each L in Z
         Z, start = [np.asarray(self.K @ W), np.asarray(self.M @ W)], 2 * W.shape[1]
@@ -173,14 +173,14 @@ class _ChangedBasis:
         self.energy = forces.T @ self.responses(forces)
 
     def _group(self, key: _Key) -> Any:
-        """Terms of few motions that are the same have responses in common."""
+        """The key of a term's static responses: terms with the same few motions share them."""
         return key[1] if self.few[key] else key
 
     def changed(self, acting: Sequence[_Acting]) -> Any:
         """The model with the changes of one of the candidates, and its `change_error`.
 
-        A damping force has its static response in the basis. The inertia of that response leaves a residual outside it, which
-        modes without the damper do not have.
+        The basis contains the static response to a damping force. The inertia of that response leaves a residual outside the
+        basis, which modes without the damper do not have.
         """
         model = self.model
         groups = dict.fromkeys(self._group(key) for key, *_ in acting)
@@ -213,7 +213,7 @@ class _ChangedBasis:
         wide._set(wider=model.wider)  # for the changes that name a part
 
         limit = (SHARE * model.cutoff) ** 2
-        # columns of a change may nearly depend on V: then the highest modes, which are not looked at, have fewer digits
+        # columns of a change may nearly depend on V: the highest modes, which are not used, then have fewer digits
         modes = all_modes(wide.K, wide.M, EPS**0.5, wide.rigid_motion) if self.contact is None else \
             all_modes(wide.K + block(self.held), wide.M, EPS**0.5)
         elastic = modes.eigenvalues > EPS**0.5 * limit
@@ -244,7 +244,7 @@ class _ChangedBasis:
         return value, shapes @ X, value * np.einsum("ij,ij->j", X, 2 * value * X + C @ X)
 
     def _residual_energy(self, acting: Sequence[_Acting], value: Array, at: Array, x: Array) -> Array:
-        """rᴴK⁻¹r (k,) of r = P(λ)u, with λ (k,) and u the columns `at` of W times x, (len(at), k); λ is imaginary of a real x."""
+        """rᴴK⁻¹r (k,) of r = P(λ)u, λ (k,), u the columns `at` of W times x, (len(at), k). λ is imaginary if x is real."""
         square = value**2 if np.iscomplexobj(x) else -value.imag**2
         by: dict[str, Any] = {"M": square, "K": 1.0, "D": value, "H": 1j}
         if self.energy is None:
@@ -293,7 +293,7 @@ def _plus(model: Any, changes: Sequence[Change]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class TriedChange:
-    """A candidate of `what_helps`, solved anew.
+    """A candidate of `what_helps`, with the solution of the changed model.
 
     Attributes
     ----------
@@ -302,18 +302,19 @@ class TriedChange:
     growth : float
         The largest Re λ in the band.
     by_slope : float
-        What the first derivatives predict for it.
+        The growth that first derivatives predict.
     is_stable : bool or None
-        Of the changed model.
+        Whether the changed model is stable; None if that is undecided.
     reached : bool
-        Whether the growth is below the target.
+        Whether the growth is at most the target.
     words : str
         What happens to the modes.
     modes : ComplexModes
+        The modes of the changed model.
     change_error : float
-        Of the changed model; 0 for a full one.
+        The estimated error of the changed model, see `modified`; 0 for a full model.
     in_full : ComplexModes or None
-        Those of the full model with these changes, for the best candidates.
+        The modes of the full model with these changes, for the best candidates.
     """
 
     name: str
@@ -354,7 +355,7 @@ class WhatHelps(Displayed):
 
     @property
     def best(self) -> TriedChange:
-        """The first of them."""
+        """The best candidate."""
         return self.tried[0]
 
     @property
@@ -395,24 +396,25 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
                at_once: int = 100) -> WhatHelps:
     """Order candidates by the remaining growth of the changed model: max Re λ in the band.
 
-    The slope alone misleads where modes meet or another mode begins to grow, so it is only printed beside it.
+    The slope alone misleads if modes meet or another mode begins to grow. It is therefore reported for comparison only.
 
     Parameters
     ----------
     model : Substructure
-        Full or reduced. A reduced one is enough, see `modified`.
+        Full or reduced. A reduced model is enough, see `modified`.
     contacts : contact, or a sequence of them
     candidates : mapping of str to changes, or sequence of changes
         Each is a change, or several that are made together.
     target : float
-        The growth that is wanted, or less; 0 is stability.
+        The largest growth that is acceptable; 0 means stability.
     band : (lo, hi), optional
         As for `complex_modes`.
     full : Substructure, optional
-        With a reduced model: the full one, in which the `first` so many candidates are solved as well.
+        With a reduced model: the full model, with which the best candidates are solved as well.
     first : int
+        The number of these candidates.
     at_once : int
-        Changes whose slopes are computed together: memory grows with the square.
+        The number of changes whose slopes are computed together: memory grows with its square.
 
     Returns
     -------
@@ -421,7 +423,7 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
     Raises
     ------
     InputError, InputTypeError
-        No candidate, or one that the model has no place for.
+        No candidate, or a candidate that the model cannot take.
 
     Examples
     --------
@@ -471,7 +473,7 @@ def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str,
 
 
 def _words(before: ComplexModes, after: ComplexModes, size: int) -> str:
-    """What happens to the modes that grow before or after, which are numbered by their frequency before."""
+    """What happens to the modes that grow before or after the change. They are numbered by their frequency before."""
     lists = []
     for modes in (before, after):
         at = np.flatnonzero((modes.eigenvalues.imag > 0) & ~modes.above_cutoff)

@@ -62,7 +62,7 @@ def changes_chart(name: str, found: WhatHelps, title: str) -> Chart:
 
 
 def crossings_chart(found: CriticalValue, title: str) -> Chart:
-    """Where modes begin and cease to grow, over the parameter and their frequency, and what was not excluded."""
+    """Where modes begin and cease to grow, over the parameter and their frequency, and the intervals not excluded."""
     series = []
     for word, several, marker, colour in (("a mode begins to grow", found.losses, "^", "#c0392b"),
                                           ("a mode ceases to grow", found.regains, "v", "#2166ac")):
@@ -94,9 +94,9 @@ def growth_over_chart(found: StabilitySweep, title: str) -> Chart:
 
 
 def sensitivities_chart(found: Sensitivities, title: str, most: int) -> Chart:
-    """Of each eigenvalue the change of Re λ by the whole of each parameter, to first order, or by one unit if it has no value.
+    """The change of Re λ of each eigenvalue by the whole of each parameter, to first order, or by one unit if it has no value.
 
-    Those of the `most` eigenvalues with the largest Re λ.
+    Only the `most` eigenvalues with the largest Re λ are drawn.
     """
     whole = np.isfinite(found.values)
     slopes = np.where(whole, found.relative.real, found.growth)
@@ -125,8 +125,8 @@ def sensitivities_chart(found: Sensitivities, title: str, most: int) -> Chart:
 
 
 def growth_chart(found: Mapping[str, Any]) -> Chart:
-    """max Re λ of the full model over the slope and what varies, as the belt's place, with the borders of all models (the paper's
-    Fig. 3a), and beside it the deviation of the reduced models' borders."""
+    """max Re λ of the full model over the slope and another variable, such as the belt's place, with the borders of all models
+    (the paper's Fig. 3a), and beside it the deviation of the reduced models' borders."""
     full, belts, lines, errors = next(panel for panel in found["panels"] if panel["model"] == "full"), found["at"], [], []
     growth, border = finite(full["growth"]), finite(full["critical_slope"])
     top = float(np.nanmax(np.abs(growth), initial=0.0)) or 1.0
@@ -146,9 +146,9 @@ def growth_chart(found: Mapping[str, Any]) -> Chart:
 
 
 def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], said: str, title: str) -> Chart:
-    """Critical values and their errors over what varies in numbers, or over the size of the reduced models (the paper's Fig. 3b).
+    """Critical values and their errors over a numerical variable, or over the size of the reduced models (the paper's Fig. 3b).
 
-    Whatever else varies has panels of its own.
+    Other variables have panels of their own.
     """
     x = next((name for name in varied if len({row[name] for row in rows}) > 1 and all(
         isinstance(row[name], (int, float)) for row in rows)), "size")
@@ -179,9 +179,9 @@ def critical_chart(rows: Sequence[Mapping[str, Any]], varied: Sequence[str], sai
 
 
 def curves_of(rows: Sequence[Mapping[str, Any]], x: str) -> list[tuple[str, list[Mapping[str, Any]]]]:
-    """The rows of each method in the order of x, by their names; over what varies, those of each number of modes or of DOF.
+    """The rows of each method in the order of x, with its name. Unless x is the size, each number of modes or of DOF is a curve.
 
-    Of the two it is the one that varies less: a model of a given size has other numbers of modes where its interface is another.
+    Of these two numbers, the one that varies less is used: models of equal size with different interfaces differ in their modes.
     """
     if x == "size":
         return [(look(model).label, sorted(own, key=lambda row: row[x])) for model, own in grouped(rows, "model").items()]

@@ -1,6 +1,6 @@
 """Loss of stability over any parameter: flutter, negative damping and divergence. One question, and a solver chosen for it.
 
-`critical_slope` asks it over the falling slope of a belt, without end.
+`critical_slope` is the question for the slope of a belt, which falls from 0 without limit.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from femsub.stability.question import CriticalValue, LossQuestion
 
 log = logging.getLogger(__name__)
 
-#: `unfit` gives why a solver cannot answer a question, empty if it can, and `solve` the answer.
+#: `unfit` returns the reason why a solver cannot answer a question, or '' if it can. `solve` returns the answer.
 Solver: TypeAlias = Discs | Followed | PortRoot
 #: In the order in which they are tried: the first that can answer a question does.
 SOLVERS: Mapping[str, Solver] = {"discs": Discs(), "swept": Followed(any_rank=True), "followed": Followed(), "root": PortRoot()}
@@ -69,13 +69,12 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
         Only crossings with lo ≤ ω ≤ hi count, in radians per unit of time. Default: all, for a reduced model those up to its
         cut-off. Divergence (ω = 0) counts if the band begins at 0. Needed for a model of more than 300 DOF.
     solver : {'auto', 'discs', 'swept', 'followed', 'root'}
-        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'swept': any size; where damped modes
-        depend on an affine parameter, sweeps of the lines around all λ in the band that grow exclude all other crossings. Where
-        they cannot, the model is followed. 'followed': any size; candidates come from a small model on modes of the full one at
-        some values of the parameter. Each is refined on the full pencil. Sweeps exclude all others where the parameter acts
-        through few columns alone.
-        'root': the first loss alone, where the parameter only feeds a port through D (see `critical_slope`); any size. 'auto'
-        takes the first of them that can answer.
+        'discs': up to 300 DOF; discs around all eigenvalues exclude all other crossings. 'swept': any size, for damped models
+        with an affine parameter; sweeps along the lines around all growing λ in the band exclude all other crossings. If the
+        sweeps fail, the model is followed. 'followed': any size; candidates come from a small model on modes of the full model
+        at some values of the parameter. Each candidate is refined on the full pencil. Sweeps exclude all other crossings only if
+        the parameter acts through few columns. 'root': any size; only the first loss, if the parameter only feeds a port through
+        D (see `critical_slope`). 'auto' takes the first solver that can answer.
 
     Returns
     -------
@@ -89,8 +88,8 @@ def critical_value(model: Substructure | Affine, contacts: Contacts, parameter: 
 
     Notes
     -----
-    An undamped model counts as stable while all its eigenvalues are on the axis. Two of its modes of one frequency, neither of
-    which acts on the other, look like a flutter that is narrower than the window; such intervals are in `open`.
+    An undamped model counts as stable while all its eigenvalues are on the axis. Two uncoupled undamped modes of equal frequency
+    look like a flutter that is narrower than the window; such intervals are in `open`.
 
     Examples
     --------
@@ -133,7 +132,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     Returns
     -------
     CriticalValue
-        Of the largest c ≤ 0 at which a pair in the band reaches the imaginary axis and grows just below. The value is 0.0 if a
+        For the largest c ≤ 0 at which a pair in the band reaches the imaginary axis and grows just below. The value is 0.0 if a
         mode under the belt has no damping beyond rounding (damping ratio below 1e-13), and -inf if stability is never lost.
         `growth` is Re λ of the pair at 0.999 c and at 1.001 c, computed from the pencil as a verification.
 
@@ -153,8 +152,8 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     CutoffWarning
         The border of a reduced model lies above 0.7 of its cut-off, where its modes may be inaccurate; or none was found in a
         band that reaches above that. Or the border moves by more than 3 % if the responses to the residuals of its modes join
-        the basis, as it may where two frequencies are closer than they are accurate. This is looked at while the full
-        component exists; of one above 5,000 DOF only for such frequencies.
+        the basis. This may happen if two frequencies are closer than their errors. The check needs the full component; above
+        5,000 DOF only such frequencies are checked.
 
     Examples
     --------
@@ -168,7 +167,7 @@ def critical_slope(model: Substructure, port: str = "belt", *, force: float = 1.
     model.port(port)
     belt = Belt(port, force=positive_number("force", force), slope=0.0)
     acting: list[Contact] = [belt]
-    for one in contacts_of(contacts):  # those whose own slope must not change act by their matrices, if they do anything
+    for one in contacts_of(contacts):  # a contact with a slope of its own, which must not change, acts by its matrices
         if hasattr(one, "slope"):
             W, D, K = small_matrices(model, one)
             unit = np.eye(W.shape[1])
@@ -189,7 +188,7 @@ def first_value(model: Substructure | Affine, contacts: Contacts, parameter: str
                 band: tuple[float, float], near: float = np.nan) -> CriticalValue:
     """`critical_value` by following, up to a value of the parameter beyond the first loss: for tables of many models.
 
-    It is expected `near` that of a smaller model. Wherever it is found, its evidence is that of `critical_value`.
+    The loss is expected `near` the loss of a smaller model. If it is found elsewhere, its evidence is the same.
     """
     question = question_of(model, contacts, parameter, between, band)
     return _answer(question, [Followed(first=True, near=-near if question.falls else near)])
@@ -197,8 +196,8 @@ def first_value(model: Substructure | Affine, contacts: Contacts, parameter: str
 
 def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str, between: tuple[float, float],
                 band: tuple[float, float] | None) -> LossQuestion:
-    """The question, checked."""
-    # different, and the end may be infinite
+    """The question, after checks of the arguments."""
+    # start and end must differ, and the end may be infinite
     if isinstance(between, set) or len(pair := items("between", between, "two numbers (start, end)")) != 2:
         raise InputTypeError(f"between must be a pair (start, end), not {shown(between)}")
     begin = finite_number("between", pair[0])
@@ -226,7 +225,7 @@ def question_of(model: Substructure | Affine, contacts: Contacts, parameter: str
 
 
 def _answer(question: LossQuestion, solvers: Iterable[Solver]) -> CriticalValue:
-    """What the first solver finds that can answer."""
+    """The answer of the first solver that can answer the question."""
     reasons = []
     for one in solvers:
         if not (reason := one.unfit(question)):

@@ -1,10 +1,10 @@
-"""Which modes cross the imaginary axis in a narrow window: found from both of its sides, and only if they add up.
+"""Finds the modes that cross the imaginary axis in a narrow window, from both of its sides, and checks their number.
 
 The eigenvalues at two values beside the window are matched by distance. Eigenvalues that move further than they lie apart form a
-group, within which none is distinguished. A mode crosses if its group has growing eigenvalues on one side of the window only.
-Those that pass 0 are counted apart, as the roots t of det(K + tK') = 0, which do not depend on the damping. A window is settled
-if the modes found make up the change of the number of growing eigenvalues (2 per pair, 1 per real λ), and as many of them pass 0
-as there are roots.
+group, whose members are not distinguished. A mode crosses if its group has growing eigenvalues on one side of the window only.
+Eigenvalues that pass 0 are counted separately, as the roots t of det(K + tK') = 0, which do not depend on the damping. A window
+is settled if the modes found explain the change in the number of growing eigenvalues (2 per pair, 1 per real λ), and if as many
+of them pass 0 as there are roots.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from femsub.stability.exclusion import Decomposition, Family
 if TYPE_CHECKING:
     from femsub.model import Pencil
 
-ASIDE = 1e-3  # of a value or of the range: how far beside a crossing its growth is given, and which values are near it
+ASIDE = 1e-3  # share of a value or of the range: distance from a crossing at which its growth is given; below it, values are near
 STEP = EPS ** (1 / 3)  # of the range: half the step of a difference, whose rounding EPS/STEP is then about its error STEP²
 
 
@@ -44,9 +44,9 @@ class Crossing:
     shape : ndarray, shape (n,) or (r,)
         Its eigenvector in the model's coordinates, of unit length; complex unless it diverges.
     kind : str
-        'divergence': a real eigenvalue passes 0. Else ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew one of
-        K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds it, or two undamped modes
-        coalesce.
+        'divergence': a real eigenvalue passes 0. Otherwise ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew
+        part of K. 'hopf': xᴴD_s x < 0, negative damping feeds the motion. 'flutter': a circulatory K feeds the motion, or two
+        undamped modes coalesce.
     growth : (float, float)
         Re λ of this mode a little before and beyond the value, on the way from the start of the range to its end.
     """
@@ -60,7 +60,7 @@ class Crossing:
 
     @property
     def place(self) -> str:
-        """Its kind, and ω in words."""
+        """The kind and ω, in words."""
         return self.kind + ("" if self.kind == "divergence" else f" at ω = {self.omega:.6g} rad/time")
 
     def __repr__(self) -> str:
@@ -72,22 +72,22 @@ Found: TypeAlias = tuple[list[Crossing], list[Crossing]]  # losses and regains
 
 
 def shown_value(value: float, width: float) -> str:
-    """A value in 9 digits at most, and without those below its width."""
+    """A value with at most 9 digits, and without digits below its width."""
     last = 10.0 ** np.floor(np.log10(width)) if width > 0 else 0.0
     return f"{round(value / last) * last + 0.0 if last > EPS * abs(value) else value:.9g}"
 
 
 def fixed_digits(value: float, width: float) -> str:
-    """A value with up to 10 places behind the point, none of them below its width."""
+    """A value with up to 10 decimal places, none of them below its width."""
     return f"{value:.{min(max(-int(np.floor(np.log10(width or 1e-10))), 0), 10)}f}"
 
 
 def fed_by(pencil: Pencil, x: Array, omega: float) -> str:
     """What feeds a motion x at the axis, or just beyond it: 'flutter' or 'hopf'.
 
-    There xᴴP(iω)x = 0 has the imaginary part ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew one of K. The
-    first term is the work that D takes from the motion, the second what K takes. If D takes work, K feeds the motion. Neither
-    changes with the units of the DOF.
+    There xᴴP(iω)x = 0 has the imaginary part ω xᴴD_s x + Im xᴴK_a x = 0 with the symmetric part of D and the skew part of K. The
+    first term is the work that D takes from the motion, the second term the work that K takes. If D takes work, K feeds the
+    motion. Neither term changes with the units of the DOF.
     """
     damping = omega * float((x.conj() @ ((pencil.D + pencil.D.T) / 2 @ x)).real)
     circulatory = float((x.conj() @ ((pencil.K - pencil.K.T) / 2 @ x)).imag)
@@ -95,7 +95,7 @@ def fed_by(pencil: Pencil, x: Array, omega: float) -> str:
 
 
 class _Match(NamedTuple):
-    """The successor of each eigenvalue, (m,), and the groups of those that are not distinguished, by numbers on the left side."""
+    """The successor and the group number of each eigenvalue on the left side, (m,). Members of a group are not distinguished."""
 
     to: Array
     group: Array
@@ -105,19 +105,19 @@ class _Match(NamedTuple):
 
 
 def _matched(left: Decomposition, right: Decomposition) -> _Match:
-    """Two neighbouring spectra by distance."""
+    """Two neighbouring spectra, matched by distance."""
     cost = np.abs(left.z[:, None] - right.z)
     to = assigned(cost)[1]
     bars = [np.minimum(np.abs(found.noise.diagonal()), np.abs(found.z)) for found in (left, right)]
     moved = np.maximum(cost[np.arange(len(to)), to], np.maximum(bars[0], bars[1][to]))
     after = right.z[to]
-    # two that lie within the sum of their movements may have changed places
+    # two eigenvalues that lie within the sum of their movements may have changed places
     apart = np.minimum(np.abs(left.z[:, None] - left.z), np.abs(after[:, None] - after))
     return _Match(to, connected_components(apart <= 2 * np.maximum.outer(moved, moved), directed=False)[1])
 
 
 class _Change(NamedTuple):
-    """A mode that crosses: its numbers on both sides, which way, and its frequency (0 if it passes 0)."""
+    """A mode that crosses: its indices on both sides, whether it begins to grow, and its frequency (0 if it passes 0)."""
 
     before: int
     after: int
@@ -132,7 +132,7 @@ def _changes(family: Family, a: float, b: float) -> list[_Change] | None:
     grows, grown = family.grown(a)[0], family.grown(b)[0][match.to]
     after = right.z[match.to]
     found: list[_Change] = []
-    unclear: list[_Change] = []  # pairs near 0, which may as well become real before they cross
+    unclear: list[_Change] = []  # pairs near 0, which may also become real before they cross
     real: list[_Change] = []
     for number in np.unique(match.group[grows | grown]):
         group = np.flatnonzero(match.group == number)
@@ -162,7 +162,7 @@ def _changes(family: Family, a: float, b: float) -> list[_Change] | None:
 
 
 def _roots(family: Family, a: float, b: float) -> list[tuple[float, Array]]:
-    """Where K is singular between two values near each other: p and the motion without stiffness."""
+    """Values p at which K is singular, between two values near each other, each with the motion that has no stiffness."""
     lo, hi = family.between
     m = min(max((a + b) / 2, lo), hi)
     step = STEP * (hi - lo)
@@ -198,15 +198,15 @@ def change(losses: Iterable[Crossing], regains: Iterable[Crossing]) -> int:
 
 def settled(family: Family, window: tuple[float, float], room: tuple[float, float],
             known: tuple[int | None, int | None]) -> Found | None:
-    """The losses and regains in a window, if the modes that cross make up the change of the number that grow; None if not.
+    """The losses and regains in a window, if the modes that cross explain the change in the number of growing modes; else None.
 
     Parameters
     ----------
     room : (float, float)
         Values below and above the window, up to which there is no other crossing.
     known : (int or None, int or None)
-        The numbers of growing eigenvalues there. Where it is None, rounding must leave none undecided, and the crossings are
-        as wide as that needs.
+        The numbers of growing eigenvalues on both sides of the window. If a number is None, it is counted at a value at which
+        rounding leaves no eigenvalue undecided, and the width of the crossings extends to this value.
     """
     for a, b in _sides(family, window, room):
         counts = []
@@ -223,10 +223,10 @@ def settled(family: Family, window: tuple[float, float], room: tuple[float, floa
 
 
 def extrapolated(family: Family, window: tuple[float, float], room: tuple[float, float]) -> Found | None:
-    """The losses or regains near a window beside which rounding leaves undecided what grows; None if they cannot be found.
+    """The losses or regains near a window, if rounding leaves undecided which modes grow beside it; None if they are not found.
 
-    Re λ of a mode that certainly grows goes straight to 0, or (Re λ)² does where two modes coalesce. Two extrapolations of either
-    must agree. A real λ that passes 0 shows nothing of what the pair beyond does, unless there is no damping.
+    Re λ of a mode that certainly grows is extrapolated to 0 on a straight line, or (Re λ)² if two modes coalesce. Two
+    extrapolations must agree. A real λ that passes 0 shows nothing about the pair beyond, unless there is no damping.
     """
     begins = int(family.grown(window[1])[0].sum()) > int(family.grown(window[0])[0].sum())
     for a, b in _sides(family, window, room):
@@ -249,7 +249,7 @@ def extrapolated(family: Family, window: tuple[float, float], room: tuple[float,
 
 
 def _to_axis(family: Family, points: list[float], at: int) -> tuple[float, float, float]:
-    """Where a growing mode meets the axis, how uncertain that is, and its ω there; NaN if it cannot be found."""
+    """The value at which a growing mode meets the axis, its uncertainty, and ω there; NaN if it cannot be found."""
     numbers, spectra = [at], [family.spectrum(p) for p in points]
     for one, two in pairwise(spectra):
         numbers.append(int(_matched(one, two).to[numbers[-1]]))
@@ -262,7 +262,7 @@ def _to_axis(family: Family, points: list[float], at: int) -> tuple[float, float
     places = p[:-1] - np.array(steps)
     spread = np.nan_to_num(np.abs(np.diff(places)[:, 0]), nan=np.inf)
     first, second = places[int(np.argmin(spread))]
-    if not abs(first - second) <= abs(p[1] - p[0]) / 20:  # they agree: the way to the axis is as straight as it was assumed
+    if not abs(first - second) <= abs(p[1] - p[0]) / 20:  # they differ: the way to the axis is not as straight as assumed
         return np.nan, np.nan, np.nan
     slope = (z[1].imag - z[0].imag) / (p[1] - p[0])
     return float(first), float(abs(first - second)), float(z[0].imag + slope * (first - p[0]))
@@ -281,7 +281,7 @@ def _sides(family: Family, window: tuple[float, float], room: tuple[float, float
 
 def _crossings(family: Family, found: list[_Change], sides: tuple[float, float], window: tuple[float, float],
           room: tuple[float, float]) -> Found:
-    """Losses and regains with their figures."""
+    """The losses and regains, each with its value, shape, kind and growth."""
     (lo, hi), (a, b) = family.between, sides
     roots = _roots(family, a, b) if any(one.omega == 0 for one in found) else []
     far = max(room[0], window[0] - ASIDE * (hi - lo)), min(room[1], window[1] + ASIDE * (hi - lo))
@@ -301,7 +301,7 @@ def _crossings(family: Family, found: list[_Change], sides: tuple[float, float],
 
 
 def _rate(family: Family, near: float, far: float, at: int) -> float:
-    """Re λ of a mode further from the window, or nearer if it is not distinguished from others there."""
+    """Re λ of a mode at `far` from the window, or nearer if it cannot be distinguished from other modes there."""
     found = family.spectrum(near)
     for share in (1.0, 1 / 8, 1 / 64):
         p = near + share * (far - near)

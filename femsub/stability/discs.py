@@ -20,13 +20,14 @@ LARGEST = WIDE  # DOF of a model
 class Discs:
     """A range is divided into intervals, in each of which discs around the eigenvalues show that none crosses the axis.
 
-    What is left are windows of 1e-11 of the range around the crossings; the number of growing eigenvalues on both sides is known
-    from the intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are found
-    from both of its sides, and must make up the change of that number (`femsub.stability.crossings`).
+    Around the crossings, windows of 1e-11 of the range remain; the number of growing eigenvalues on both sides is known from the
+    intervals beside them. So no loss is stepped over, however short it is. The modes that cross in a window are found from both
+    of its sides, and must explain the change in that number (`femsub.stability.crossings`).
 
-    At `most` so many intervals are tested, each for one decomposition of the state matrix and some products with it. What is left
-    then is open, and the result lists it. An interval of `narrow` times the resolution is such a window: the crossings in it are
-    counted, and nothing else is looked for. In a wider one rounding may hide, `narrow` times as far beside a place, what grows.
+    At most `most` intervals are tested; each takes one decomposition of the state matrix and some products with it. Intervals
+    that remain then are open, and the result lists them. An interval of up to `narrow` times the resolution is a window: only the
+    crossings in it are determined. In a wider interval, rounding may hide which modes grow, up to `narrow` times this width from
+    a place.
     """
 
     most: int = 6000
@@ -40,16 +41,16 @@ class Discs:
         return "" if np.isfinite(question.between[1]) else "discs take a finite range"
 
     def solve(self, question: LossQuestion) -> CriticalValue:
-        small = question.over(question.between[0])  # of a model that is followed, the size is that of its projection
+        small = question.over(question.between[0])  # for a followed model, the projected pencil
         with one_thread(small.size <= FEW):
             family = Family(question.over, question.between)
             if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
             parts = family.parts(self.most)
-            # The crossings in the intervals that are not excluded, in the band. Wide ones are open, and so are narrow ones in
-            # which the modes that cross do not make up the change of the number that grow, or none crosses. A mode that only
-            # touches the axis at an end of the range has nothing to cross
+            # The crossings in the band, in the intervals that are not excluded. Wide intervals are open. A narrow one is open if
+            # the modes that cross do not explain the change in the number of growing modes, or if no mode crosses. But at an end
+            # of the range a mode may touch the axis without crossing it
             (lo, hi), limits = question.between, question.band
             reach, width = ASIDE * (hi - lo), self.narrow * family.least
             found: Found = ([], [])
@@ -70,7 +71,7 @@ class Discs:
                 crossed = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
                 if crossed is None or not (edge or any(crossed)):
                     heights = np.abs(np.imag(part.touching))
-                    if len(heights) and not in_band(heights, limits).any():  # not listed, whatever it is
+                    if len(heights) and not in_band(heights, limits).any():  # outside the band, so not listed
                         listed, last = listed + (0 if after is None else after - before), before
                         continue
                     left.append((part.begin, part.end))
@@ -90,14 +91,14 @@ class Discs:
 
     def _seen(self, family: Family, part: Stretch, room: tuple[float, float], before: int,
               after: int | None) -> tuple[Found, float | None]:
-        """What is certain of the crossings in an open interval, and from where on one is lost at an unknown place, if so.
+        """The certain crossings in an open interval, and the value beyond which stability is lost at an unknown place, or None.
 
-        The places at which the number of those that certainly grow changes are found by bisection, one after the other. A
-        crossing is listed only if it is settled there.
+        Bisection finds, one after the other, the places at which the number of certainly growing modes changes. A crossing is
+        listed only if it is settled there.
         """
         after = int(family.grown(part.end)[0].sum()) if after is None else after
         found: Found = ([], [])
-        begin, reach = part.begin, self.narrow**2 * family.least  # rounding may hide beside a place which modes grow
+        begin, reach = part.begin, self.narrow**2 * family.least  # so far from a place, rounding may hide which modes grow
         while before != after:
             a, b = begin, part.end
             while b - a > family.least and a < (m := (a + b) / 2) < b:

@@ -1,11 +1,11 @@
-"""Where no eigenvalue of a pencil with a parameter can cross the imaginary axis: intervals, excluded by Gershgorin discs.
+"""Intervals of a parameter in which no eigenvalue of a pencil can cross the imaginary axis, excluded by Gershgorin discs.
 
 In a state form common to all p the pencil is a matrix A(p). With A(m) = V diag(z) V⁻¹ in the middle m of an interval, t = p - m,
 B = V⁻¹A'V, and a turn of the vectors to first order, x_ij = b_ij / (z_j - z_i) where z_i and z_j are far enough apart,
 
     (V(I + tX))⁻¹ A(p) V(I + tX) = diag(z + tb) + (I + tX)⁻¹ (tB' + t²C),   C = BX - X diag(b)
 
-for an A that is affine in p; b is the diagonal of B, B' what is left of the rest. The last term is bounded entry by entry by
+for an A that is affine in p; b is the diagonal of B, B' has the entries that X leaves. The last term is bounded entry by entry by
 F = (I - h|X|)⁻¹ (h|B'| + h²|C| + rounding), h half the width. Each eigenvalue stays in the union of the discs around z_i + t b_i
 with the radii Σ_j f_ij. If row and column i are scaled by 1/τ and τ, a disc that is clear of all others shrinks to the second
 order in F, and holds exactly one eigenvalue. An interval is excluded if no disc touches the axis.
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
-RESOLUTION = 1e-11  # of the range: width at which an interval is not divided any more
+RESOLUTION = 1e-11  # share of the range: an interval of this width is not divided any more
 
 
 class Decomposition(NamedTuple):
@@ -52,7 +52,7 @@ class Decomposition(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the range without a crossing (`growing` eigenvalues throughout), or not excluded; z that may touch the axis."""
+    """A part of the range with `growing` eigenvalues throughout, or (None) not excluded, with the z that may touch the axis."""
 
     begin: float
     end: float
@@ -64,10 +64,10 @@ class Family:
     """The state matrices A(p) of a pencil over a range of p.
 
     The state is (Ωη, λη) with q = Φη; Φ (n, n) and Ω are the undamped modes in the middle of the range. `affine`: A
-    is affine in p, as `over` declares. What samples are then off the chord joins the rounding `size`. `mirrored`: the
-    spectrum is symmetric about the imaginary axis. `over` knows at which p the pencil must be looked at if it is not affine.
-    Decompositions are kept in up to `memory` bytes. Of an A that is not affine, `safety` times the largest deviation from the
-    chord at samples is taken as that between them.
+    is affine in p, as `over` declares. Deviations of samples from the chord then count as rounding in `size`. `mirrored`: the
+    spectrum is symmetric about the imaginary axis. `over` gives the p at which a pencil that is not affine must be examined.
+    Decompositions are kept in up to `memory` bytes. If A is not affine, its deviation from the chord between samples is taken as
+    `safety` times the largest deviation at samples.
     """
 
     def __init__(self, over: PencilOver, between: tuple[float, float], memory: float = 2e8, safety: float = 1.5) -> None:
@@ -78,7 +78,7 @@ class Family:
         if pencil.symmetric[0]:
             form = definite_form(pencil)
             self.shapes, omega = form.shapes, form.omega
-        else:  # of a pencil with an unsymmetric M the DOF themselves, scaled
+        else:  # with an unsymmetric M, the DOF themselves, scaled
             if np.linalg.cond(scaled(pencil.M, *equilibration(pencil.M))) > REGULAR:
                 raise InputError("M is singular or nearly so. Condense DOF without mass, or give them a little mass")
             rows, columns = pencil.units
@@ -97,17 +97,17 @@ class Family:
             pencils += [pencil_at(p) for p in self.sampled.places(lo, hi)]
         self.size = np.maximum.reduce([self._magnitude(pencil) for pencil in (pencils[0], *pencils[len(points) - 1:])])
         self.size += max(abs(lo), abs(hi)) * np.abs(self.slope)  # the rounding of p itself
-        if self.affine:  # what is off the chord is rounding: of terms that cancel in a contact, and of the projection
+        if self.affine:  # a deviation from the chord is rounding: of terms that cancel in a contact, and of the projection
             off = np.max([np.abs(A - matrices[0] - (p - lo) * self.slope) for p, A in zip(points, matrices, strict=True)], axis=0)
             off = np.minimum.outer(off.max(axis=1), off.max(axis=0))  # a single entry may be exact by chance
-            self.size = np.maximum(self.size, off / (4 * EPS))  # of which `_spectrum` takes 4 EPS
+            self.size = np.maximum(self.size, off / (4 * EPS))  # `_spectrum` multiplies it by 4 EPS
         self.floating = all(pencil.symmetric[0] and definite_form(pencil).rigid > 0
                             for pencil in (pencils[0], pencils[2], pencils[len(points) - 1]))
         self.mirrored = all(map(is_mirrored, pencils))
         self.solved = 0
 
     def pencil_at(self, p: float) -> Pencil:
-        """The dense pencil at p, straight on above the range, where a contact may refuse the parameter."""
+        """The dense pencil at p, extrapolated linearly above the range, where a contact may refuse the parameter."""
         hi = self.between[1]
         if p <= hi:
             return self.over(p).dense()
@@ -125,14 +125,14 @@ class Family:
         return np.vstack([np.hstack([np.zeros_like(self.shapes), np.diag(self.omega)]), accelerations])
 
     def _magnitude(self, pencil: Pencil) -> Array:
-        """A with the moduli of all that is added up in its entries: EPS times this is their rounding."""
+        """A with the absolute values of all terms that its entries sum up: EPS times this is their rounding."""
         size = np.abs(self.shapes)
         K, D = (size.T @ (np.abs(part) @ size) for part in (pencil.K, pencil.D))
         M, forces = self.shapes.T @ pencil.M @ self.shapes, np.hstack([K / self.omega, D])
         return self._state(forces if _is_eye(M) else np.abs(np.linalg.inv(M)) @ forces)
 
     def at(self, p: float) -> Array:
-        """A(p); of an affine family without the pencil."""
+        """A(p); the pencil is not needed if the family is affine."""
         return self.matrix(self.middle) + (p - self.middle) * self.slope if self.affine else self.matrix(p)
 
     def _spectrum(self, p: float) -> Decomposition:
@@ -153,7 +153,7 @@ class Family:
         return x / np.linalg.norm(x)
 
     def tested(self, begin: float, end: float) -> list[Stretch]:
-        """The test of one interval, from the decomposition in its middle: the whole as one part, or what remains cut out."""
+        """The test of one interval, from the decomposition in its middle: the interval as one part, or with windows cut out."""
         m, h = (begin + end) / 2, (end - begin) / 2
         found = self.spectrum(m)
         with np.errstate(all="ignore"):
@@ -176,10 +176,11 @@ class Family:
         return [Stretch(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
 
     def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Stretch] | None:
-        """The interval without the places where no clear disc reaches the axis; None if a disc is not clear or much would remain.
+        """The interval in excluded parts, and windows in which a clear disc may reach the axis.
 
-        The centre of a disc moves evenly, z_i + t b_i. So its eigenvalue crosses only where |Re(z_i + t b_i)| is below what else
-        the disc may hold. That shrinks by a power of h, and an interval around a simple crossing in one step.
+        None if a disc is not clear of all others, or if windows would cover more than half. The centre of a disc moves linearly,
+        z_i + t b_i. So its eigenvalue crosses only where |Re(z_i + t b_i)| is below the radius. The radius falls with a higher
+        power of h, so that one step reduces an interval around a simple crossing to a narrow window.
         """
         h = (end - begin) / 2
         speed = discs.drift.real[touching] / h
@@ -187,7 +188,7 @@ class Family:
         if self.mirrored or not np.isfinite(radius).all() or not speed.all():
             return None
         rate = discs.z.real[touching]
-        # a window must not vanish between two neighbouring numbers
+        # a window must not vanish between two neighbouring floating-point numbers
         centre, half = -rate / speed, np.maximum(radius / np.abs(speed), 4 * EPS * max(abs(begin), abs(end)))
         pieces = union(zip(np.maximum(centre - half, -h).tolist(), np.minimum(centre + half, h).tolist(), strict=True))
         if sum(hi - lo for lo, hi in pieces) > h:
@@ -213,7 +214,7 @@ class Family:
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
     def parts(self, most: int) -> list[Stretch]:
-        """The range as a sequence of intervals, divided until each is excluded or narrow; after `most` tests the rest is open."""
+        """The range as a sequence of intervals, divided until each is excluded or narrow. After `most` tests, others are open."""
         (lo, hi), least = self.between, self.least
         # 32 intervals at first if A is not affine: samples a whole range apart would show little
         edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, 33).tolist(), *self.kinks})
@@ -234,7 +235,7 @@ class Family:
                     for begin, end in ((a, m), (m, b)):
                         heapq.heappush(waiting, (begin - end, begin, end))
         done += [Stretch(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
-        # Neighbours that are not excluded become one. Between two that are, with different numbers, is a crossing in a point.
+        # Neighbours that are not excluded become one. Between excluded neighbours with different numbers there is a crossing.
         result: list[Stretch] = []
         for part in sorted(done, key=lambda part: part.begin):
             last = result[-1] if result else None
@@ -265,12 +266,12 @@ def is_mirrored(pencil: Pencil) -> bool:
 
 
 def _is_eye(M: Array) -> bool:
-    """Whether M is that of the undamped modes, as in the middle of the range."""
+    """Whether M is the identity, as in coordinates of undamped modes."""
     return bool(np.abs(M - np.eye(len(M))).max() <= 1e-10)
 
 
 class _Discs(NamedTuple):
-    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds all else; `axis` (m,) bounds Re f_ii."""
+    """Centres z (m,) that move by up to `drift` (m,), complex, either way; F bounds other terms; `axis` (m,) bounds Re f_ii."""
 
     z: Array
     drift: Array
@@ -282,12 +283,12 @@ class _Discs(NamedTuple):
         return np.asarray(self.F.sum(axis=1) - self.F.diagonal())
 
     def reach(self, radius: Array) -> Array:
-        """How far towards the axis each disc may come with a `radius` (m,) of what is not on the diagonal."""
+        """How far each disc may reach towards the axis, with `radius` (m,) from the entries off the diagonal."""
         return np.abs(self.drift.real) + self.axis + radius
 
     @property
     def apart(self) -> Array:
-        """Smallest distance of the centres over the interval, less what is on both diagonals, (m, m); inf on its diagonal."""
+        """Smallest distance of the centres over the interval, minus f_ii and f_jj, (m, m); inf on its diagonal."""
         own = self.F.diagonal()
         found = np.abs(self.z[:, None] - self.z) - np.abs(self.drift[:, None] - self.drift) - own[:, None] - own
         np.fill_diagonal(found, np.inf)
@@ -297,7 +298,7 @@ class _Discs(NamedTuple):
 def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs | None:
     """The discs of an interval of half width h; None if they overflow.
 
-    `extra` (m, m) bounds rounding and what is not affine, `towards` (m,) the real part of its diagonal.
+    `extra` (m, m) bounds rounding and deviations from an affine A, `towards` (m,) the real part of its diagonal.
     """
     b = B.diagonal().copy()
     X = first_turn(z, B, h * np.abs(B))
@@ -317,7 +318,7 @@ def _discs(z: Array, h: float, B: Array, extra: Array, towards: Array) -> _Discs
 def isolated(F: Array, apart: Array) -> Array:
     """Radii τ_i r_i, r_i = Σ_{j≠i} f_ij, of discs that are clear of all others and hold one eigenvalue each, (m,); else inf.
 
-    `apart` (m, m) are the least distances of the centres less f_ii and f_jj, inf on its diagonal. With τ_i disc i has the radius
+    `apart` (m, m) are the least distances of the centres minus f_ii and f_jj, inf on its diagonal. With τ_i disc i has the radius
     f_ii + τ_i r_i, and the others f_jj + r_j - f_ji + f_ji/τ_i. The smallest τ_i that keeps it clear of each of them is the lower
     root of a quadratic equation.
     """
@@ -339,14 +340,14 @@ def _touching(discs: _Discs, mirrored: bool) -> tuple[Array, Array]:
     touch = rate <= discs.reach(rest)
     if not touch.any():
         return none, none
-    # the plain discs that hang together hold as many eigenvalues as they are; one that touches the axis puts all in doubt
+    # a group of overlapping plain discs holds as many eigenvalues as discs; if one touches the axis, all are in doubt
     links, doubtful, count = discs.apart <= rest[:, None] + rest, touch, 0
     while count < (count := int(np.count_nonzero(doubtful))):
         doubtful = doubtful | links[:, doubtful].any(axis=1)
     near = doubtful & (rate <= discs.reach(isolated(discs.F, discs.apart)))
     if not mirrored or not near.any():
         return near, none
-    # a disc centred on the axis that is clear of all others: with its eigenvalue it holds the mirrored one, hence they are one
+    # a disc centred on the axis and clear of all others has one eigenvalue; with it the mirrored one, so they are the same
     off = np.where(near, rate + np.abs(discs.drift.real), 0.0)
     moved = _Discs(np.where(near, 1j * discs.z.imag, discs.z), np.where(near, 1j * discs.drift.imag, discs.drift),
                    discs.F + np.diag(off), discs.axis)

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 COLOURS = ("#1f77b4", "#2ca02c", "#9467bd", "#8c564b", "#e377c2", "#17becf", "#bcbd22")
 COUPLED = ("coalescence", "splitting")  # kinds of meetings
-OUTGROWN = 10.0  # times the largest growth: a growth rate that is smaller can be seen on one linear axis
-OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # of models that are no reduction
-MEETS = "d"  # no model's mark
+OUTGROWN = 10.0  # an axis is linear if no value exceeds the largest growth by more than this factor
+OTHERS = (("#c44e00", "s"), ("#0067a5", "^"), ("#333333", "D"), ("#6a3d9a", "v"))  # looks of models that are no reduction
+MEETS = "d"  # a mark that no model has
 STABLE, UNSTABLE, OTHER = "#4d4d4d", "#e8998d", "#9a9a9a"
 REGAINED = "#8f8f8f"
 NOTE = ("Dashed: where stability is lost. A mode with Re λ above 0 grows; its line is underlaid in red, its marks are filled. "
@@ -38,9 +38,9 @@ class Passage(NamedTuple):
 
 
 def passages(item: Tracked, branch: int, known: Sequence[Crossing] = (), near: float = 0.05) -> list[Passage]:
-    """All of a branch: at the crossing that is known there, else where a straight line between both values has Re λ = 0.
+    """All passages of a branch: at a known crossing, else where a straight line between both values has Re λ = 0.
 
-    A known crossing belongs to a branch if it is within `near` of its ω, or within what ω changes between the two values.
+    A known crossing belongs to a branch if it is within `near` of its ω, or within the change of ω between the two values.
     """
     found, values, grow = [], item.eigenvalues[:, branch], item.growing[:, branch]
     for i in np.flatnonzero((grow[:-1] != grow[1:]) & np.isfinite(values[:-1].real) & np.isfinite(values[1:].real)):
@@ -58,13 +58,13 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
                   points: Mapping[str, Points] | None = None, marks: int = 31) -> Chart:
     """Im λ, Re λ and the damping ratio -Re λ/|λ| in % over a parameter, one below the other.
 
-    The first model has a line for each branch. Those that meet in a coalescence have one colour and one name, and so has each
-    that grows by itself, in the order in which they begin to grow; all others are grey. A line is underlaid in red where its mode
-    grows. The other models have at most so many `marks` on each branch, filled where a mode grows. Triangles stand at the losses
-    and regains of each branch of the first, a narrow diamond where two of them meet, a vertical line at each of `critical`.
-    `tracks` and `critical` have the models by their names, reduced ones by the keys of their methods; the name of one alone may
-    be ''. `points` are models that were solved at some values only; they have circles. Where a few damped modes would set the
-    scale, it is logarithmic on both sides of 0.
+    The first model has a line for each branch. Branches that meet in a coalescence share one colour and one name; a branch that
+    grows by itself has its own. Colours follow the order in which branches begin to grow; all other branches are grey. A line is
+    underlaid in red where its mode grows. The other models have at most `marks` marks on each branch, filled where a mode grows.
+    Triangles show the losses and regains of each branch of the first model, narrow diamonds where two branches meet, vertical
+    lines the values of `critical`. `tracks` and `critical` are mappings by the models' names, or by the keys of reduction
+    methods; a single model may have the name ''. `points` are models that were solved at some values only; they have circles. If
+    a few damped modes would set the scale, it is logarithmic on both sides of 0.
     """
     (model, item), *others = tracks.items()
     called, known = look(model).label, critical.get(model, ())
@@ -73,7 +73,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
     groups = coupled(item)
     colours = dict(zip([j for group in groups[:len(COLOURS)] for j in group],
                        [colour for group, colour in zip(groups, COLOURS, strict=False) for _ in group], strict=True))
-    of_it = f"{called}, " if called else ""  # of one model alone nothing need be said
+    of_it = f"{called}, " if called else ""  # a single model needs no name
     words = {j: f"{of_it}mode{'s' * (len(group) > 1)} {' and '.join(str(one + 1) for one in group)}" for group in groups
              for j in group}
     lines, wide, shown = list[dict[str, list[Series]]](), list[dict[str, list[Series]]](), set[str]()
@@ -129,7 +129,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
         lowest, most = float(values.min()), float(values.max())
         room = 0.06 * ((most - lowest) or 1.0)  # around the curves
         low = max(lowest - room, -room) if part == "imag" else lowest - room
-        # damped modes must not set the scale of what grows: beside them the axis is logarithmic
+        # damped modes must not set the scale of growing modes: if they would, the axis is logarithmic
         grow = np.abs(values[every.real > 0]).max(initial=0.0)
         up_to = 10.0 ** np.floor(np.log10(grow)) if grow else linear_up_to(values)
         linear = {"y": float(up_to)} if part != "imag" and up_to and np.abs(values).max() > OUTGROWN * grow else {}
@@ -142,7 +142,7 @@ def flutter_chart(name: str, tracks: Mapping[str, Tracked], critical: Mapping[st
 
 
 def coupled(item: Tracked) -> list[tuple[int, ...]]:
-    """Branches that meet in a coalescence, or grow, in the order in which the first of each begins to grow; then the others."""
+    """Groups of branches that meet in a coalescence, and branches that grow, in the order in which they begin to; others last."""
     groups = list[set[int]]()
     for one in item.meetings:
         if one.kind in COUPLED:
@@ -167,7 +167,7 @@ def _levels(name: str, crossings: Sequence[Crossing], line: str, colour: str, fe
 
 def _lines(values: Array, places: Any, name: str, hover: Mapping[str, Any] | None = None, **style: Any) \
         -> dict[str, list[Series]]:
-    """Im λ, Re λ and the damping ratio over the parameter; each name stands in the legend once."""
+    """Im λ, Re λ and the damping ratio over the parameter; each name appears in the legend once."""
     damping = damping_percent(values)
     known = {"Im λ [rad/time]": values.imag, "Re λ": values.real, "damping [%]": damping, **(hover or {})}
     return {part: [Series(name, places, y, hover=known, **style)]

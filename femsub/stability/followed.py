@@ -1,32 +1,33 @@
 """Loss of stability of a model of any size: crossings of a small model, each refined on the full pencil, proved or counted.
 
 Where the parameter acts through few columns, one projection of the model serves all of its values, and sweeps run around the
-rectangle of all λ in the band that grow: up the axis, out along the edges of the band, and up at Re λ = the end of the band
-(`femsub.modes.quadratic.axis_sweep`). Where it acts through many and a proof is asked for, windows cover its range, and each
-serves all of these lines (`femsub.modes.quadratic.window_sweep`). They find all eigenvalues that cross its border for any value,
-and prove that no other does. So the number inside is known for each value, once it is known for one: the answer is certified.
+rectangle of all growing λ in the band: up the axis, out along the edges of the band, and up at Re λ = the end of the band
+(`femsub.modes.quadratic.axis_sweep`). If the parameter acts through many columns and a proof is requested, windows cover its
+range, and each window serves all of these lines (`femsub.modes.quadratic.window_sweep`). The sweeps find all eigenvalues that
+cross the sides of the rectangle for any value, and prove that no others do. If the number inside is known for one value, it is
+then known for all: the answer is certified.
 
-Elsewhere it is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The pencil VᵀP(λ; p)V
-is exact at these values, and `discs` finds all of its crossings. Each starts Newton's method on the full pencil, P(iω; p)x = 0,
-with left vectors y:
+In all other cases the answer is confirmed. Right vectors of the full pencil at some values of the parameter span a basis V. The
+pencil VᵀP(λ; p)V is exact at these values, and `discs` finds all of its crossings. Each crossing starts Newton's method on the
+full pencil, P(iω; p)x = 0, with left vectors y:
 
     yᴴP(iω; p)x + i yᴴP'x Δω + yᴴ∂P/∂p x Δp = 0,   x ← P⁻¹P'x,   y ← P⁻ᴴP'ᴴy,   P' = ∂P/∂λ.
 
-If it does not end close by, its vectors join V, and the small pencil is looked at again. V holds as well the modes that come to
-an edge of the band anywhere in the range, and so those that cross the whole band between two values. Between the values
-the crossings, and the growing modes that pass an edge, must make up the change of the number of growing eigenvalues of the full
-pencil.
+If Newton's method does not end close to its start, its vectors join V, and the small pencil is solved again. V also contains the
+modes that reach an edge of the band anywhere in the range, and so all modes that cross the whole band between two values. Between
+two values, the crossings and the growing modes that pass an edge must explain the change in the number of growing eigenvalues of
+the full pencil.
 
-A mode that is in the band at no sample must have come in through an edge ω, and left again. At a frequency ω the parameter is an
-eigenvalue: with the chord of the pencil over an interval around m,
+A mode that is in the band only between two samples must come in through an edge ω, and leave again. At a frequency ω the
+parameter is an eigenvalue: with the chord of the pencil over an interval around m,
 
     (P(iω; m) + t ΔP(iω)) x = 0,    -P(iω; m)⁻¹ ΔP(iω) x = x / t,
 
-so that the t near the interval are the dominant eigenvalues of one operator. Block Arnoldi finds them: one factorisation, and
-few solutions. If few DOF depend on the parameter, its basis ends with the rank of ΔP.
+so that the t near the interval belong to the dominant eigenvalues 1/t of one operator. Block Arnoldi finds them with one
+factorisation and few solves. If few DOF depend on the parameter, its basis ends with the rank of ΔP.
 
-Where an eigenvalue passes the edge beside the axis, at λ = r + iω, t is complex. If the mode reaches the axis within a distance g
-in p, its eigenvalue moves by r within g, and t is about as near to the interval.
+If an eigenvalue passes the edge beside the axis, at λ = r + iω, t is complex. If the mode reaches the axis within a distance g in
+p, its eigenvalue moves by r within g, and the distance of t from the interval is about g.
 """
 
 from __future__ import annotations
@@ -72,23 +73,23 @@ from femsub.stability.question import CriticalValue, LossQuestion, fastest
 
 log = logging.getLogger(__name__)
 
-#: Of the range: where the full pencil is solved. A loss may well be at a simple fraction, and would be hard to count there.
+#: Shares of the range at which the full pencil is solved. Simple fractions are avoided: a loss there would be hard to count.
 SAMPLES = (0.0, 0.234, 0.486, 0.771, 1.0)
-EXPECTED = 0.05  # of the range: how far from where it is expected, by a smaller model or a candidate, a crossing may be
+EXPECTED = 0.05  # share of the range: largest distance of a crossing from its candidate, or from that of a smaller model
 
 
 @dataclass(frozen=True)
 class Followed:
     """Crossings of a small model on modes of the full one, refined on the full one and counted.
 
-    With `first`, the range ends at the first of the values beyond its start at which more modes grow, or at its start
-    if some grow there.
-    The loss may be known to be `near` a value, by a smaller model: then the range up to there is solved at its ends alone.
-    Newton's method takes at most `steps` steps, each with a factorisation, and so many small models are made, each from the
-    crossings of the last one that it did not reach. What is not verified then is open. A small model has at most so many
-    `columns`, and the band as many parts as it takes: with a third of 90 columns the discs take a fifth of the time, but without
-    the modes beside them crossings are rougher, and more small models are made. With `any_rank` sweeps prove the answer as well
-    where the parameter acts through many columns, such as friction between meshes.
+    With `first`, the range ends at the first sample beyond its start at which modes grow, or at the first sample of all if modes
+    grow at the start. A smaller model may show that the loss is `near` a value: up to there, only the ends are solved.
+
+    Newton's method takes at most `steps` steps, each with a factorisation. At most `steps` small models are made, each with the
+    vectors of crossings that Newton's method did not reach from the last one. Crossings that are not verified then are open. A
+    small model has at most `columns` columns, and the band is divided into as many parts as this takes. With 30 columns in place
+    of 90 the discs take a fifth of the time. But fewer modes make crossings rougher, and more small models are needed. With
+    `any_rank`, sweeps also prove the answer where the parameter acts through many columns, such as friction between meshes.
     """
 
     first: bool = False
@@ -106,13 +107,13 @@ class Followed:
 
     def solve(self, question: LossQuestion) -> CriticalValue:
         (lo, hi), band = question.between, question.band
-        over = replace(question.over, at=lru_cache(maxsize=4)(question.over.at))  # Newton's steps come back to some
+        over = replace(question.over, at=lru_cache(maxsize=4)(question.over.at))  # Newton's method returns to some values
         question = replace(question, over=over)
         over.affine((lo, hi))  # refuses a false declaration
         if not self.first:
             try:
                 return _swept(question, self.steps, self.any_rank)
-            except (*UNCOUNTED, la.LinAlgError) as error:  # LAPACK's where P_U is singular at its shift
+            except (*UNCOUNTED, la.LinAlgError) as error:  # of LAPACK, if P_U is singular at its shift
                 log.info("no proof by a sweep of the frequency: %s", error)
         beyond = self.near + EXPECTED * (hi - lo)
         places = [lo + share * (hi - lo) for share in SAMPLES[:-1]]
@@ -171,7 +172,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
     Raises
     ------
     NotConvergedError, SingularMatrixError, MissedModesError, NotEnoughMemoryError
-        The sweeps cannot give it; with the reason.
+        The sweeps cannot prove an answer; the message gives the reason.
     """
     over, (lo, hi), band = question.over, question.between, question.band
     if not over.affine((lo, hi)) or (terms := over.terms((lo, hi))) is None:
@@ -182,7 +183,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         raise NotConvergedError("without damping eigenvalues are on the axis for all values")
     few = all(few_columns(sp.csr_array(half)) is not None for _, T, _ in terms for half in (T + T.T, T - T.T))
     if not few and not any_rank:
-        raise NotConvergedError("the parameter acts through many columns, for which solver='swept' is made")
+        raise NotConvergedError("the parameter acts through many columns; solver='swept' takes these, too")
     p0 = lo + SAMPLES[2] * (hi - lo) if few else (lo + hi) / 2  # a crossing there would have an infinite μ
     reference = over(p0)
     weights = [(of(hi) - of(lo)) / (hi - lo) for *_, of in terms]
@@ -208,17 +209,17 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
         sweep.swept(line, RESOLUTION * band[1]) for line in lines)
     for line, (found, left) in zip(lines, every, strict=True):
         if left:
-            raise NotConvergedError(f"in {len(left)} pieces it is not known what crosses, such as beside s = "
+            raise NotConvergedError(f"in {len(left)} pieces the crossings are not known, for example near s = "
                                     f"{line.start + line.along * sum(left[0]) / 2:.6g}")
         log.info("%d crossings of the line from %s", len(found), line.start)
         met.append([one for one in found if one.values[1] >= lo - p0 and one.values[0] <= hi - p0])
-        # at an end of the range it would not be known what grows, and at a corner whether it is in the band
+        # at an end of the range it is not known which modes grow, and at a corner whether the eigenvalue is in the band
         if any(one.values[0] <= end - p0 <= one.values[1] for one in met[-1] for end in (lo, hi)) or (
                 line is not axis and any(one.between[0] <= 0 <= one.between[1] for one in met[-1])):
             raise NotConvergedError("an eigenvalue is on the axis or an edge of the band at an end of the range, or at a corner")
     if met[-1]:
         raise NotConvergedError(f"a mode grows faster than the band's end {band[1]:.6g}")
-    # the eigenvalues of the small pencil in the rectangle are as many as those of the full one
+    # the small pencil has as many eigenvalues in the rectangle as the full one
     z = each_of(lambda p: Coupling.of(projection.changed(np.array(weights) * (p - p0)), projection.outer.size).values, (lo, hi))
     grown = [one[(one.imag >= 0) & (one.real > 0) & (one.real < side) & in_band(one, band)] for one in z]
     sparse = reference.sparse()
@@ -244,7 +245,7 @@ def _swept(question: LossQuestion, steps: int, any_rank: bool = False) -> Critic
 
 
 def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
-    """Whether residuals of eigenvectors in the band had to join V, so that what is outside moves none by much."""
+    """Add residuals of eigenvectors in the band to V where the coupling with the outside is not small; True if any were added."""
     small = Coupling.of(projection, projection.outer.size)
     near = np.flatnonzero((small.nu != 0) & (small.each.imag >= 0) & in_band(np.nan_to_num(small.each), band))
     if not len(near):
@@ -256,13 +257,12 @@ def _enriched(projection: Projection, band: tuple[float, float]) -> bool:
 
 
 def enriched_over(projection: Projection, weights: Array, values: Array, band: tuple[float, float]) -> None:
-    """Let residuals of eigenvectors at some values join V where they are large: of all in the band, and of those near the axis.
+    """Add large residuals of eigenvectors at some `values` to V: at every other value of all λ near the band, else near the axis.
 
-    Their share is that of a coupling with the outside beside a distance from the eigenvalue, of a hundredth of the band's end, or
-    of |Re λ| where that is less.
+    A residual is compared with a distance from the eigenvalue: |Re λ|, or a hundredth of the band's end if that is less.
     """
     columns = []
-    projection.lost  # noqa: B018  (once, for all that `changed` copies)
+    projection.lost  # noqa: B018  (computed once, since `changed` copies it)
     every = each_of(lambda value: Coupling.of(projection.changed(weights * value), projection.outer.size), values)
     for i, small in enumerate(every):
         lam = np.nan_to_num(small.each)
@@ -276,28 +276,28 @@ def enriched_over(projection: Projection, weights: Array, values: Array, band: t
 
 def _come_to(question: LossQuestion, sweep: AxisSweep | WindowSweep, V: Array, start: float, one: Met, p0: float, steps: int
              ) -> _Met:
-    """Where Newton's method comes to on the full pencil; an error if that is not the crossing of the axis that was met."""
+    """The result of Newton's method on the full pencil; an error if it is not the crossing of the axis that the sweep found."""
     over, (lo, hi) = question.over, question.between
     omega, value = start + one.at, sum(one.values) / 2
-    real = start + one.between[0] <= 0  # there are no two conjugates
+    real = start + one.between[0] <= 0  # a real eigenvalue, which has no conjugate
     omega = 0.0 if real else omega
     x, y, *_ = sweep.shapes(1j * omega, value)
     found = _newton(over, (lo, hi), _At(p0 + value, 1j * omega, 0.0 if real else 1j), V @ x, steps, left=V @ y)
     p, at = found.at.value, found.at.lam.imag
-    slack = EQUAL * (hi - lo)  # of Newton's method; there is no other crossing in the whole room
+    slack = EQUAL * (hi - lo)  # tolerance of Newton's method; there is no other crossing in the whole room
     if not found.settled or abs(at - omega) > one.room or not one.values[0] - slack <= p - p0 <= one.values[1] + slack:
-        raise NotConvergedError("Newton's method did not come to the crossing beside "
+        raise NotConvergedError("Newton's method did not converge to the crossing near "
                                 f"ω = {omega:.6g}, {over.parameter} = {p0 + value:.6g}")
     return found
 
 
 def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, one: Met, found: _Met, p0: float, steps: int) -> Crossing:
-    """The crossing that Newton's method came to, with the growth beside it."""
+    """The crossing that Newton's method found, with the growth on both sides."""
     over, (lo, hi) = question.over, question.between
     p, at, shape, real = found.at.value, found.at.lam.imag, found.vectors[:, 0], not found.at.along
     ends, growth = (max(lo, p - ASIDE * (hi - lo)), min(hi, p + ASIDE * (hi - lo))), []
     for end, sign in zip(ends, (1, -1) if one.left else (-1, 1), strict=True):
-        for share in (1.0, 1 / 8, 1 / 64):  # nearer, where it would be taken for another mode
+        for share in (1.0, 1 / 8, 1 / 64):  # nearer, if farther away it is taken for another mode
             lam = 1j * at
             for step in np.linspace(p, p + share * (end - p), 9)[1:]:
                 lam = sweep.eigenvalue(lam, step - p0, steps)
@@ -309,12 +309,12 @@ def _crossing(question: LossQuestion, sweep: AxisSweep | WindowSweep, one: Met, 
 
 
 def factor_at(pencil: Pencil, value: complex) -> Inverse | None:
-    """P(λ) factorised, or beside λ if it is singular there, also where λ = 0; None if it is singular there, too."""
+    """The factor of P(λ), or of P at a value next to λ if P(λ) is singular; None if P is singular there, too."""
     return solver_near(pencil.sparse(), value) or (None if value else solver_near(pencil.sparse(), 2**22 * EPS))
 
 
 def modes_at(over: PencilOver, ends: Sequence[float], gap: float, lam: complex, most: int) -> tuple[Array, Array] | None:
-    """t (k,), complex, and the shapes (n, k) of all modes that have the eigenvalue λ for p = t, up to `gap` beside the range.
+    """t (k,), complex, and shapes (n, k) of all modes that have the eigenvalue λ for p = t, with t up to `gap` from the range.
 
     The pencil is close to its chords between the `ends`. None if a basis of `most` vectors is not enough, or P is singular.
     """
@@ -336,11 +336,11 @@ def modes_at(over: PencilOver, ends: Sequence[float], gap: float, lam: complex, 
 def _dominant(factor: Inverse, change: Any, least: float, most: int) -> tuple[Array, Array] | None:
     """t and unit vectors x of (P + tC)x = 0 with |1/t| ≥ `least`; None if a basis of `most` vectors is not enough.
 
-    They count as complete if they and the next one have converged, since those of largest |1/t| converge first.
+    The pairs count as complete if they and the next pair have converged, since pairs of largest |1/t| converge first.
     """
     n = change.shape[0]
     Q, image = np.zeros((2, n, 0), dtype=complex)
-    new = factor.solve(change @ np.random.default_rng(n).standard_normal((n, min(8, n))))  # of a t of higher multiplicity not all
+    new = factor.solve(change @ np.random.default_rng(n).standard_normal((n, min(8, n))))  # at most 8 shapes of one t
     while True:
         size = np.linalg.norm(new, axis=0)
         for _ in range(2):
@@ -357,7 +357,7 @@ def _dominant(factor: Inverse, change: Any, least: float, most: int) -> tuple[Ar
         wanted = int(np.count_nonzero(np.abs(inverse) >= least))
         order = order[:wanted + 1]
         x, size = Q @ small[:, order], np.abs(inverse[order])
-        # rough shapes do: Newton's method on the full pencil mends those that matter
+        # rough shapes suffice: Newton's method on the full pencil improves the shapes that matter
         poor = np.linalg.norm(image @ small[:, order] - x * inverse[order], axis=0) > size / 100
         if ended or (len(order) > wanted and not poor.any()):
             return 1 / inverse[order[:wanted]], x[:, :wanted] / np.linalg.norm(x[:, :wanted], axis=0)
@@ -366,8 +366,8 @@ def _dominant(factor: Inverse, change: Any, least: float, most: int) -> tuple[Ar
 def _passages(question: LossQuestion, ends: list[float], growing: Array, steps: int) -> list[tuple[float, int]]:
     """The values at which growing eigenvalues pass an edge of the band, and their number, which is negative if they leave it.
 
-    They are looked for at the edges beside the axis, at the rates of those that are `growing` at these two. A real eigenvalue is
-    in a band that begins at 0.
+    On each edge the search starts at Re λ = 0, and at Re λ of the eigenvalues `growing` at the first and at the last of the
+    `ends`. An edge at 0 is left out: a real eigenvalue is in a band that begins at 0.
     """
     over, band, a, b = question.over, question.band, ends[0], ends[-1]
     passed: list[tuple[float, int]] = []
@@ -388,13 +388,13 @@ def _passages(question: LossQuestion, ends: list[float], growing: Array, steps: 
 
 def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[float, ComplexModes], passing: Array,
             columns: int) -> list[tuple[tuple[float, float], Array]]:
-    """The band in parts whose small models `discs` can take, each with a basis (n, r) of the modes in it and beside it.
+    """The band in parts whose small models `discs` can solve, each with a basis (n, r) of the modes in it and near it.
 
     The basis holds the shapes `passing` (n, k) as well.
     """
     shapes = [modes.shapes[:, in_band(modes.eigenvalues, wide) & (modes.eigenvalues.imag >= 0)] for modes in samples.values()]
     X = np.hstack([*shapes, passing])
-    # an orthonormal basis of their real and imaginary parts, each shape turned to be as real as it can
+    # an orthonormal basis of their real and imaginary parts; a phase makes each shape as real as possible
     X = X * np.exp(-0.5j * np.angle(np.einsum("ij,ij->j", X, X))) / np.linalg.norm(X, axis=0)
     both = np.hstack([X.real, X.imag])
     size, mix = np.linalg.eigh(both.T @ both)
@@ -409,7 +409,7 @@ def _pieces(band: tuple[float, float], wide: tuple[float, float], samples: dict[
     heights = heights[(heights > band[0]) & (heights < band[1])]
     half = float(np.median(heights)) if len(heights) else sum(band) / 2
     if not band[0] < half < band[1] or min(half - band[0], band[1] - half) < 1e-3 * band[1]:
-        return [(band, V[:, :LARGEST - 20])]  # what it lacks shows in the counts
+        return [(band, V[:, :LARGEST - 20])]  # missing modes show in the counts
     beside = OUTSIDE * (band[1] - band[0])
     return [*_pieces((band[0], half), (wide[0], half + beside), samples, passing, columns),
             *_pieces((float(np.nextafter(half, np.inf)), band[1]), (half - beside, wide[1]), samples, passing, columns)]
@@ -435,7 +435,7 @@ def _refined(question: LossQuestion, band: tuple[float, float], V: Array, steps:
             if joined is not None and np.abs(np.array([joined.value, joined.omega]) / unit - now[at]).max() <= close[at]:
                 refined[id(one)] = joined
                 continue
-            if error_of(over, one, x) <= RESOLUTION:  # it is as exact as it can be found
+            if error_of(over, one, x) <= RESOLUTION:  # it is as accurate as it can be
                 continue
             met = _newton(over, (lo, hi), _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0), x, steps)
             if met.settled and np.abs(np.array([met.at.value, met.at.lam.imag]) / unit - now[at]).max() <= close[at]:
@@ -465,15 +465,15 @@ def _refined(question: LossQuestion, band: tuple[float, float], V: Array, steps:
 
 def _coalesced(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array, steps: int, *, lost: bool
                ) -> Crossing | None:
-    """Where two modes coalesce on the axis, on the full pencil; None where that is not found, or if a pencil has damping.
+    """The coalescence of two modes on the axis, on the full pencil; None if it is not found, or if the pencil has damping.
 
     p(ω), at which iω is an eigenvalue, is real, and has an extremum there: both modes are on the axis below a loss, which is a
     maximum, and above a regain. With yᴴPx = 0 and P' = ∂P/∂λ,
 
         dp/dω = -i yᴴP'x / yᴴ∂P/∂p x,   d²p/dω² = 2(yᴴMx + yᴴP'x') / yᴴ∂P/∂p x,   x' = -P⁻¹P'x without its part in x.
 
-    Newton's method for dp/dω = 0 finds ω, and p to the square of the error of ω. It takes x ← P⁻¹y and y ← P⁻ᴴx, since
-    P⁻¹P'x has no larger part in x where yᴴP'x = 0.
+    Newton's method for dp/dω = 0 finds ω; the error of p is the square of the error of ω. It iterates x ← P⁻¹y and y ← P⁻ᴴx,
+    since P⁻¹P'x does not amplify x where yᴴP'x = 0.
     """
     if one.kind == "divergence" or not is_mirrored(over(one.value)):
         return None
@@ -506,9 +506,10 @@ def _coalesced(over: PencilOver, between: tuple[float, float], one: Crossing, x:
 
 
 def _verified(over: PencilOver, between: tuple[float, float], one: Crossing, x: Array) -> Crossing | None:
-    """A crossing with its shape on the full pencil, and as wide as Newton's next step would move it; None if it does not hold.
+    """A crossing with its shape on the full pencil, at least as wide as twice Newton's next step; None if it does not hold.
 
-    Where two modes coalesce the small pencil has the shape beside the crossing only; a solution mends it.
+    Where two modes coalesce, the small pencil represents the shape only beside the crossing. One step of inverse iteration
+    improves it.
     """
     at = _At(one.value, 1j * one.omega, 1j if one.kind != "divergence" else 0.0)
     factor = factor_at(over(one.value), at.lam)
@@ -527,7 +528,7 @@ def error_of(over: PencilOver, one: Crossing, x: Array) -> float:
 
 
 class _At(NamedTuple):
-    """A value of the parameter, λ there, and the direction in which λ may move: i along the axis, 1 along an edge, 0 not."""
+    """A value of the parameter, λ there, and the direction in which λ may move: i along the axis, 1 along an edge, 0: none."""
 
     value: float
     lam: complex
@@ -535,7 +536,7 @@ class _At(NamedTuple):
 
 
 class _Met(NamedTuple):
-    """Where Newton's method is, with right and left vectors (n, 2), dλ/dp, and the size of the last step in p; NaN: it failed."""
+    """A state of Newton's method: place, right and left vector (n, 2), dλ/dp, and size of the last step in p (NaN: it failed)."""
 
     at: _At
     vectors: Array
@@ -546,10 +547,10 @@ class _Met(NamedTuple):
 
 def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array, steps: int, far: float = EXPECTED,
             left: Array | None = None) -> _Met:
-    """The eigenvalue of the full pencil on the line of `start`, and where it is there. No step is longer than `far` of the range.
+    """The value at which the full pencil has an eigenvalue on the line of `start`. No step is longer than `far` of the range.
 
-    Where two modes coalesce on the axis Newton's step fails, but its vectors are those that the small model lacks. So it does
-    where λ moves along the line, as those of an undamped model do on the axis: the line alone determines no value there.
+    Where two modes coalesce on the axis, Newton's step fails, but its vectors are the vectors that the small model lacks. The
+    step also fails if λ moves along the line, as on the axis of an undamped model: the line then determines no value.
     """
     width, met = between[1] - between[0], _Met(start, np.stack([x, x.conj() if left is None else left], axis=1), np.nan, np.nan)
     for _ in range(steps):
@@ -561,12 +562,12 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
             turn = abs(met.at.lam - last.lam)
             if not np.isfinite([turn, met.off]).all() or met.off > far * width or turn > far * abs(last.lam):
                 return met._replace(at=last)
-            # where λ stays on the line, any p would do
+            # if λ stays on the line, p is not determined
             if start.along and abs((met.rate / start.along).imag) <= EPS**0.5 * abs(met.rate):
                 return met._replace(at=last)
             if turn <= EQUAL * abs(met.at.lam) and met.off <= EQUAL * width:
                 return met._replace(settled=True)
-            # x ← x - P⁻¹P(λ; p)x with the factor that is there, as long as each step gains a digit
+            # x ← x - P⁻¹P(λ; p)x with the present factor, as long as each step gains a digit
             P, (x, y) = over(met.at.value).at(met.at.lam), met.vectors.T
             x, y = x - factor.solve(P @ x), y - factor.solve(P.T @ y.conj(), transposed=True).conj()
             nearer = _corrected(over, between, met.at, x, y)
@@ -577,9 +578,9 @@ def _newton(over: PencilOver, between: tuple[float, float], start: _At, x: Array
 
 
 def _placed(over: PencilOver, between: tuple[float, float], at: _At, x: Array, steps: int) -> _At:
-    """Where on the line of `at` the quotient of the shape x is, xᵀP(λ; p)x = 0; `at` itself if Newton's method does not find it.
+    """The place on the line of `at` at which xᵀP(λ; p)x = 0 for the shape x; `at` itself if Newton's method does not find it.
 
-    The place of a shape found on a chord may be far off, and another mode be nearer there, while the shape itself is close.
+    A shape found on a chord is close to its mode, but its place may be far off, where another mode is nearer.
     """
     met = at
     for _ in range(steps):
@@ -616,7 +617,7 @@ def _corrected(over: PencilOver, between: tuple[float, float], at: _At, x: Array
 def _quotient(over: PencilOver, between: tuple[float, float], at: _At, x: Array, y: Array) -> tuple[complex, complex, complex]:
     """yᴴPx, yᴴ∂P/∂p x and yᴴP'x."""
     pencil = over(at.value)
-    if over.affine(between):  # the whole range gives the slope, by pencils that are there
+    if over.affine(between):  # the slope over the whole range, from pencils that are stored
         aside = max(between, key=lambda p: abs(p - at.value)) - at.value
     else:
         aside = STEP * (between[1] - between[0])

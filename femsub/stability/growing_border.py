@@ -14,7 +14,7 @@ from femsub.modes import PortFunction, ShiftInvert, complex_modes, independent, 
 from femsub.stability.border import OUTSIDE, Band, Border, ModalContact, dense_border
 from femsub.stability.crossings import ASIDE
 
-ACTING = 1.5  # times the end of the band: modes up to there act on its border
+ACTING = 1.5  # modes up to this multiple of the end of the band affect its border
 
 
 def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", rounds: int = 8) -> Border:
@@ -22,9 +22,10 @@ def sparse_border(pencil: Pencil, W: Array, band: Band, method: str = "auto", ro
 
     The basis starts with the undamped modes up to ACTING times the band, and the static responses to the contact and to dashpots
     (a Craig-Chang basis, in which Ω is exact to rounding). At each border found, the full model's response to the contact,
-    (-ω²M + iωD + K)⁻¹W, joins. The same is done at an edge of the band where a pair may cross, to decide whether that border
-    belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify the
-    border share the factor. After `rounds`, each of one complex factorisation at most, a border that still moves is an error.
+    (-ω²M + iωD + K)⁻¹W, joins the basis. The same is done at an edge of the band where a pair may cross, to decide whether that
+    border belongs to the band. M and K are symmetric. All DOF are scaled to similar size, so that the complex modes that verify
+    the border share the factor. A border that still moves after `rounds` rounds is an error. A round takes at most one complex
+    factorisation.
     """
     if (alike := pencil.alike()) is not pencil:
         unit = pencil.units[0][:, None]

@@ -1,8 +1,8 @@
-"""Which modes grow at many values of parameters: most from enclosures around few decompositions, the others one by one.
+"""Which modes grow at many values of parameters: mostly from enclosures around few decompositions, else from single solutions.
 
 The values are divided as a k-d tree. In the middle of a leaf the family is decomposed, and `leaves` encloses the eigenvalues at
-each value of the leaf. Values at which a mode is left open are halved along the parameter that turns the vectors most. Where
-few are left, each is solved for itself.
+each value of the leaf. The values at which a mode stays undecided are halved along the parameter that turns the vectors most. If
+few values are left, each is solved alone.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from femsub.model import Affine
     from femsub.modes import ComplexModes
 
-ALONE = 3  #: values that are solved one by one: a leaf takes as long as about two
-CORNERS = 8  #: of a leaf of a model of a box, in which the error is looked at
-WAVE = 64  #: leaves that are looked at before the next ones are chosen
+ALONE = 3  #: up to this number, values are solved one by one: a leaf takes as long as about two
+CORNERS = 8  #: largest number of corners of a leaf at which the error of a `BoxModel` is evaluated
+WAVE = 64  #: number of leaves that are examined before the next ones are chosen
 
 
 class Enclosed(NamedTuple):
-    """A family in first order about a place, for the values that `holds` says.
+    """A family in first-order form about a place, for the values at which `holds` is True.
 
-    `error` gives how far its λ are from those of the full model between two corners (q,) around the place, over |λ|, or over
-    `still` where |λ| is less. Without it they are exact to rounding.
+    `error` returns the largest distance of its λ from those of the full model between two corners (q,) around the place. It is
+    relative to |λ|, or to `still` if |λ| is less. Without `error`, λ are exact to rounding.
     """
 
     linear: Callable[[Array], Linear]
@@ -41,7 +41,7 @@ class Enclosed(NamedTuple):
 
 
 class SeenMode(NamedTuple):
-    """A mode at a place (q,) that stands for those of values around: λ, x with xᴴMx = 1 and Mx (n,)."""
+    """A mode at a place (q,), which represents this mode at values around it: λ, x with xᴴMx = 1 and Mx (n,)."""
 
     place: Array
     value: complex
@@ -56,7 +56,7 @@ class SeenMode(NamedTuple):
 
 
 class Labels:
-    """Of m points: what their modes do.
+    """The verdicts of m points, and the modes that grow there.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Labels:
         self.solved, self.whole = 0, True
 
     def _take(self, at: Array, values: Array, votes: Array, nodes: Sequence[int]) -> None:
-        """Points with the λ of their modes and votes (m, k), NaN and -1 outside the band."""
+        """Store λ and votes (m, k) of the modes at points; NaN and -1 outside the band."""
         rate = np.where(np.isnan(values.real), -np.inf, values.real)
         self.growth[at] = rate.max(axis=1, initial=-np.inf)
         if values.shape[1]:
@@ -94,7 +94,7 @@ class Labels:
     # by leaves
 
     def by_leaves(self, family: Affine, sources: Sequence[Enclosed], among: Array) -> Array:
-        """Labels of these points as far as leaves give them; the others are returned."""
+        """Label these points by leaves; the points that leaves do not decide are returned."""
         names, alone = self.solver.names, list[Array]()
 
         def factors(rows: Array) -> Array:
@@ -134,7 +134,7 @@ class Labels:
         return np.concatenate([left, *alone]).astype(int)
 
     def _leaf(self, source: Enclosed, known: Array, factors: Callable[[Array], Array], at: Array) -> tuple[Any, ...]:
-        """What is left open of these points and along which parameter to halve them; values, votes and shapes; the middle."""
+        """The points left open, and the parameter along which to halve them; values, votes and shapes; the middle."""
         p = self.points[at]
         lo, hi = p.min(axis=0), p.max(axis=0)
         place, widest = (lo + hi) / 2, int(np.argmax((hi - lo) / np.where(hi > lo, np.ptp(self.points, axis=0), 1.0)))
@@ -156,13 +156,13 @@ class Labels:
             return at, parameter, none, none, none, place
         radius = np.zeros(len(listed))
         if source.error is not None:
-            # of the largest |λ| in the leaf: a real one may pass 0
+            # relative to the largest |λ| in the leaf, since a real λ may pass 0
             radius = source.error(place, lo, hi) * np.maximum(np.abs(around.centres(changes, listed)).max(axis=0), source.still)
             if not np.isfinite(radius).all():
                 return at, parameter, none, none, none, place
         values, votes, own = around.votes(changes, listed, radius)
         if source.error is not None:
-            votes[votes == 0] = 2  # of states that stay: those of the place itself may decide
+            votes[votes == 0] = 2  # with states fixed at the middle; the states of the place itself may decide
         doubt = own + radius
         inside = (values.imag <= high) & ((values.imag >= low) | (low <= 0)) & (values.real >= a) & (values.real <= b)
         edge = np.minimum(np.abs(values.imag - high), np.abs(values.real - b)) <= doubt
@@ -199,9 +199,9 @@ class Labels:
             yield len(self.nodes) - 1
 
     def with_nodes(self, most: int = 64, alike: float = 0.05) -> None:
-        """Give hits without a node that of a mode of about the same λ at the nearest place that has one.
+        """Give hits without a node the node of a mode with about the same λ, at the nearest place that has one.
 
-        Of at most `most` places at a time the shapes are computed; |Δλ| up to `alike` of |λ| is about the same.
+        Shapes are computed at up to `most` places at a time. λ is about the same if |Δλ| is at most `alike` times |λ|.
         """
         from scipy.spatial import cKDTree
 
@@ -227,10 +227,10 @@ class Labels:
 
 
 def sources_of(family: Affine) -> list[Enclosed]:
-    """Of a small model of a box one for each proved cell; of another dense family one for all values.
+    """The first-order forms of a family: one for each proved cell of a `BoxModel`, one for all values of another dense family.
 
-    About a place the model is projected on the states there, if the cell has any. They stay, and what this makes of the error is
-    looked at in corners.
+    About a place the model is projected on the states there, if the cell has any. These states are used for all values around,
+    and the error that this causes is evaluated in corners.
     """
     box: Any = family
     M, D, K = ([np.asarray(A.toarray() if hasattr(A, "toarray") else A) for _, A in part]
@@ -257,7 +257,7 @@ def sources_of(family: Affine) -> list[Enclosed]:
                 found = [float((radius / np.maximum(np.abs(lam), box.box.still)).max(initial=0.0)) if known else np.inf]
             else:
                 here = states.staying(values(place))
-                # of opposite corners one: to first order the states are off by as much in both
+                # one of each two opposite corners: to first order the error of the states is the same in both
                 sides = np.array(list(product((0, 1), repeat=len(place) - 1))[:CORNERS], dtype=bool)
                 corners = np.where(np.hstack([np.ones((len(sides), 1), dtype=bool), sides]), high, low)
                 found = [box.distance(cell, here, values(corner)) for corner in corners]

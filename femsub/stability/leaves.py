@@ -1,4 +1,4 @@
-"""Eigenvalues of a family at many values near one another, enclosed from one decomposition in their middle.
+"""Enclosures of the eigenvalues of a family at many neighbouring values, from one decomposition in their middle.
 
 In first order the family is a(θ) - λ b, with a affine in the factors θ. At the middle b⁻¹a = V diag(z) V⁻¹. Let directions t_q
 with |t_q| ≤ 1 span the changes of θ over the values, with B_q = V⁻¹ b⁻¹a_q V and their diagonals b_q. The vectors are turned to
@@ -7,14 +7,14 @@ inverse:
 
     (V(I + X))⁻¹ b⁻¹a(θ) V(I + X) = diag(z + Σ t_q b_q) + (I + X)⁻¹ (B' + C),   C = Σ t_q t_r (B_q X_r - X_r diag(b_q)),
 
-where B' is Σ t_q B_q without its diagonal and without the entries that X has. With G ≥ |B' + C| entry by entry, but for the
-diagonal of C, which is known at each value, what is left beside diag(z + Σ t_q b_q + c(t)) is bounded by
+where B' is Σ t_q B_q without its diagonal and without the entries that X has. Let G ≥ |B' + C| entry by entry, without the
+diagonal of C, which is known at each value. The terms beside diag(z + Σ t_q b_q + c(t)) are bounded by
 
     F = G + (I - |X|)⁻¹ |X| (G + |diag C|),   |(I + X)⁻¹ - I| ≤ (I - |X|)⁻¹ |X|.
 
-Each eigenvalue is in the union of the discs around these centres with radii Σ_j f_ij. Of a disc that is clear of all others for
-all values, the radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (`exclusion.isolated`). So the sign of
-Re λ is known at each value for itself, where the centre is farther from the axis than the radius.
+Each eigenvalue is in the union of the discs around these centres with radii Σ_j f_ij. If a disc is clear of all others for all
+values, its radius shrinks to f_ii + τ r_i, r_i = Σ_{j≠i} f_ij, by a scaled similarity (`exclusion.isolated`). So the sign of
+Re λ is known at each value at which the centre is farther from the axis than the radius.
 
 Sources: S. Gershgorin 1931; R. S. Varga, Geršgorin and His Circles (2004), sec. 1.1 and 2.1 (scaled discs and their counts); A.
 Berman, R. J. Plemmons, Nonnegative Matrices (1994), ch. 6: (I - |X|)⁻¹ ≥ 0 if (I - |X|)w = 1 has a solution w > 0.
@@ -45,7 +45,7 @@ class Linear(Protocol):
 
 
 class Companion(NamedTuple):
-    """The first order of λ² M + λ D + K with states (x, λx / unit)."""
+    """The first-order form of λ² M + λ D + K with states (x, λx / unit)."""
 
     a: Array
     b: Array
@@ -54,7 +54,7 @@ class Companion(NamedTuple):
 
     @classmethod
     def of(cls, M: list[Array], D: list[Array], K: list[Array], unit: float | None = None) -> Companion:
-        """Of terms (n, n), each with a factor of its own, in this order."""
+        """The pencil of terms (n, n), each with a factor of its own, in the order M, D, K."""
         n = len(M[0])
         unit = unit or float(np.sqrt(sum(np.linalg.norm(A) for A in K) / sum(np.linalg.norm(A) for A in M))) or 1.0
         terms = [*((A, 2) for A in M), *((A, 1) for A in D), *((A, 0) for A in K)]
@@ -80,9 +80,9 @@ class Companion(NamedTuple):
 
 
 class Middle(NamedTuple):
-    """The decomposition at the middle of some values: z (k,), V, V⁻¹ and b⁻¹ (k, k), and what rounding may do to V⁻¹ b⁻¹a V.
+    """The decomposition at the middle of some values: z (k,), V, V⁻¹ and b⁻¹ (k, k), and a bound of the rounding in V⁻¹ b⁻¹a V.
 
-    z has the `upper` members of pairs, their conjugates in the same order, and what is real.
+    z has the `upper` eigenvalues with Im z > 0, their conjugates in the same order, and the real eigenvalues.
     """
 
     linear: Linear
@@ -95,7 +95,7 @@ class Middle(NamedTuple):
 
     @classmethod
     def of(cls, linear: Linear, factors: Array) -> Middle | None:
-        """At these factors (q,); None where b or V is singular."""
+        """The decomposition at these factors (q,); None if b or V is singular."""
         a, b = ((np.append(1.0, factors) @ part.reshape(len(part), -1)).reshape(part.shape[1:]) for part in (linear.a, linear.b))
         try:
             solved = linear.unit * np.linalg.inv(b)
@@ -107,7 +107,7 @@ class Middle(NamedTuple):
         up = np.flatnonzero(z.imag > 0)
         order = np.concatenate([up, up + 1, np.flatnonzero(z.imag == 0)])
         z, V, inverse = z[order].astype(complex), V[:, order], inverse[order]
-        # lengths of right and left vectors alike: sums of rows are then least
+        # right and left vectors of equal lengths: row sums are then smallest
         even = np.sqrt(np.linalg.norm(inverse, axis=1))
         V, inverse = V * even, inverse / even[:, None]
         n = len(up)
@@ -117,15 +117,15 @@ class Middle(NamedTuple):
         return None if not np.isfinite(noise).all() else cls(linear, n, z, V, inverse, solved, noise)
 
     def around(self, changes: Array, directions: Array) -> Around:
-        """For all of these changes of the factors (m, q), and those between; F is infinite where vectors turn too much.
+        """The enclosures for these changes of the factors (m, q), and for all between; F is infinite if vectors turn too much.
 
-        `directions` (d, q) are those in which they change mostly, as of one parameter each. Factors of b must not change.
+        `directions` (d, q) are the main directions of change, for example one for each parameter. Factors of b must not change.
         """
         varied = np.flatnonzero(changes.any(axis=0))
         parts = np.array([self.solved @ self.linear.a[1 + i] for i in varied])
         size = np.linalg.norm(parts, axis=(1, 2))
         varied, parts, size = varied[size > 0], parts[size > 0], size[size > 0]
-        # the directions of unit size; what is left of the changes joins the rounding
+        # the directions of unit size; the part of the changes outside their span counts as rounding
         scaled, own = changes[:, varied] * size, directions[:, varied] * size
         own = own[own.any(axis=1)]
         share = np.linalg.pinv(own)
@@ -136,7 +136,7 @@ class Middle(NamedTuple):
         to[varied] = size[:, None] * share / most
         mixed = np.tensordot(most[:, None] * own / size, parts, 1)
         left = np.tensordot(np.abs(rest).max(axis=0, initial=0.0) / size, np.abs(parts), 1)
-        # of conjugates the entries are conjugate: one half is computed
+        # conjugate eigenvalues have conjugate entries: only one half is computed
         k, n = len(self.z), self.upper
         half, partner = np.r_[0:n, 2 * n:k], np.r_[n:2 * n, 0:n, 2 * n:k]
         B = np.empty((len(mixed), k, k), dtype=complex)
@@ -172,7 +172,7 @@ class Middle(NamedTuple):
 
 
 class Around(NamedTuple):
-    """The enclosures for changes of the factors around a `Middle`: t = change @ `to`, and F of the module."""
+    """The enclosures for changes of the factors around a `Middle`: t = change @ `to`, and F as in the text of the module."""
 
     middle: Middle
     to: Array  #: (q, directions)
@@ -191,9 +191,9 @@ class Around(NamedTuple):
         return np.asarray(found)
 
     def radii(self) -> tuple[Array, Array, Array]:
-        """Of each disc: the radius with which it is clear of all others, inf if there is none; the plain one; its group (k,).
+        """For each disc (k,): the radius with which it is clear of all others, or inf; the plain radius; the number of its group.
 
-        A group are plain discs that may hang together at some value.
+        Plain discs that may overlap at some value belong to one group.
         """
         own, z = self.F.diagonal(), self.middle.z
         plain = self.F.sum(axis=1)
@@ -206,10 +206,10 @@ class Around(NamedTuple):
         return isolated(self.F, apart) + own, plain, sp.csgraph.connected_components(links, directed=False)[1]
 
     def votes(self, changes: Array, at: Array, known: Array) -> tuple[Array, Array, Array]:
-        """Centres of the eigenvalues `at`; 1 for one that grows, -1 for one that decays, 0 within `known` of the axis, else 2.
+        """Centres of the eigenvalues `at` (m, k); votes (m, k); and the radius (k,) of each enclosure.
 
-        `known` (k,) is the radius in which each is known anyway, such as a reduced model's. Shapes (m, k) twice; and the radius
-        (k,) of each enclosure.
+        A vote is 1 if the eigenvalue grows, -1 if it decays, 0 within `known` of the axis, and 2 if undecided. `known` (k,) is
+        the error radius that each eigenvalue has anyway, such as that of a reduced model.
         """
         centres = self.centres(changes, at)
         if not np.isfinite(self.F).all():
@@ -217,7 +217,7 @@ class Around(NamedTuple):
         alone, plain, group = self.radii()
         rate, radius = centres.real, alone[at]
         votes = np.where(np.abs(rate) > radius + known, np.sign(rate).astype(int), np.where(np.abs(rate) + radius <= known, 0, 2))
-        for k in np.flatnonzero(~np.isfinite(radius)):  # of a group that is on one side all are
+        for k in np.flatnonzero(~np.isfinite(radius)):  # if a group is on one side, all its members are
             every = np.flatnonzero(group == group[at[k]])
             other = self.centres(changes, every).real
             beyond = np.abs(other) > plain[every] + known[k]
@@ -226,7 +226,7 @@ class Around(NamedTuple):
         return centres, votes, np.where(np.isfinite(radius), radius, plain[at])
 
     def turning(self, changes: Array, at: Array) -> float:
-        """How much changes (m, q) turn the vectors of these eigenvalues: what halving them would gain."""
+        """A measure of how much changes (m, q) turn the vectors of these eigenvalues, and so of the gain by halving them."""
         t = np.abs(changes @ self.to).max(axis=0)
         among = np.abs(self.B[:, at][:, :, at]) * t[:, None, None]
         gap = np.abs(self.middle.z[at, None] - self.middle.z[at]) + among.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Where a model first loses its stability over a parameter of its contacts, for tables of many models."""
+"""The first loss of stability of a model over a parameter of its contacts, for tables of many models."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Loss(NamedTuple):
 
 def first_loss(model: Substructure, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
                band: tuple[float, float], near: float = np.nan) -> Loss:
-    """The first loss of stability in a band. For tables of many models: an error is the reason, and does not end the others.
+    """The first loss of stability in a band. For tables of many models, an error is returned as the reason, and not raised.
 
     'slope' of a belt is the largest c ≤ 0 (`critical_slope`), of the first belt; the other contacts act as they are. Any other
     parameter is searched from the lower end of `between` up (`critical_value`), and a little beyond `near`, where a smaller model
@@ -51,7 +51,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
             asked: Substructure | Affine = model
             if pencil_over(model, given, parameter).affine(between):  # its matrices are made once
                 asked, acting = family_of(model, given, [parameter], {parameter: (min(between), max(between))}), None
-            # all modes of a model would be excluded at a price that a table of many models need not pay
+            # an exclusion of all other crossings would take too long for a table of many models
             found = first_value(asked, acting, parameter, between, band, near)
             if np.isfinite(found.value) and not found.first and not found.growing:
                 return Loss(reason=UNKNOWN.format(parameter, found.value))
@@ -62,7 +62,7 @@ def first_loss(model: Substructure, contacts: Contacts, parameter: str, between:
 
 def all_losses(model: Any, contacts: Contacts, parameter: str, between: tuple[float, float] | None,
                band: tuple[float, float] | None) -> CriticalValue:
-    """All losses and regains of stability; without a range those over the slope of the first belt, from 0 down."""
+    """All losses and regains of stability; without a range, over the slope of the first belt, from 0 down."""
     if between is not None:
         return critical_value(model, contacts, parameter, between=between, band=band)
     belt = first_belt(contacts_of(contacts))
@@ -72,9 +72,9 @@ def all_losses(model: Any, contacts: Contacts, parameter: str, between: tuple[fl
 
 
 def outcome(found: Sequence[CriticalValue], rows: Sequence[Mapping[str, Any]], words: str) -> tuple[str, str]:
-    """Whether losses were 'found', stability is lost 'nowhere', or the question is 'open'; and a sentence of it.
+    """'found' if stability is lost, 'nowhere' if it is not, or 'open'; and a sentence about it.
 
-    `rows` are those of all answers, `words` name the parameter.
+    `rows` are the rows of all answers, `words` names the parameter.
     """
     kinds = [row["stability"] for row in rows]
     if count := kinds.count("lost"):

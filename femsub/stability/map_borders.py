@@ -1,7 +1,8 @@
 """The borders of a map as curves: where the number of growing modes changes on the edges of a grid, joined across its cells.
 
-A cell is halved where the second differences of a margin allow a mode to cross within, though it crosses at no corner. On an edge
-each margin that changes its sign has a root. In a cell two places are joined at which the same mode crosses, by ω.
+A cell is halved where the second differences of a margin allow a mode to cross inside, though it crosses at no corner. On an edge
+each margin that changes its sign has a root. In a cell, two places at which the same mode crosses are joined; ω identifies the
+mode.
 """
 
 from __future__ import annotations
@@ -17,15 +18,15 @@ from femsub.checks import Array
 from femsub.modes import assigned
 from femsub.stability.margins import ModesAt, PointModes, between
 
-Node: TypeAlias = tuple[int, int]  # of the grid, in parts of the smallest cells
+Node: TypeAlias = tuple[int, int]  # indices in the grid, in units of the smallest cells
 Edge: TypeAlias = tuple[Node, Node]
-Knot: TypeAlias = tuple[Edge, int]  # a crossing: the number of it on its edge
+Knot: TypeAlias = tuple[Edge, int]  # a crossing: its edge, and its number there
 
 
 class BorderLine(NamedTuple):
-    """A curve on which the number of growing modes changes: m places (m, 2), and ω there (m,); its ends may be one point.
+    """A curve on which the number of growing modes changes: m places (m, 2), and ω there (m,).
 
-    ω is 0 where a real eigenvalue passes 0.
+    ω is 0 where a real eigenvalue passes 0. `closed`: the ends are the same point.
     """
 
     points: Array
@@ -45,7 +46,7 @@ class Nodes(dict[Node, PointModes]):
                          for at, axis in zip(node, self.axes, strict=True)])
 
     def far(self, place: Array, other: Array) -> float:
-        """How far two places are from each other, in sides of the smallest cells."""
+        """The distance of two places, in units of the side of the smallest cells."""
         return float(np.linalg.norm([np.diff(np.interp([one, two], axis, self.step * np.arange(len(axis))))
                                      for one, two, axis in zip(place, other, self.axes, strict=True)]))
 
@@ -73,7 +74,7 @@ class MapCell(NamedTuple):
         return [MapCell(self.i + a, self.j + b, half) for a, b in product((0, half), repeat=2)]
 
     def around(self, nodes: Nodes) -> list[Edge]:
-        """The way along its sides, anticlockwise, from each node to the next, those of smaller cells beside it as well."""
+        """The edges along its sides, anticlockwise, from each node to the next; nodes of smaller cells beside it count."""
         corners = self.corners
         walk = [(a + (c - a) * k // self.side, b + (d - b) * k // self.side)
                 for (a, b), (c, d) in zip(corners, [*corners[1:], corners[0]], strict=True) for k in range(self.side)]
@@ -82,7 +83,7 @@ class MapCell(NamedTuple):
 
 
 def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> list[MapCell]:
-    """The cells, halved where the margin of a mode that crosses at no corner may pass 0 within, or corners are at odds."""
+    """The cells, halved where a margin may pass 0 inside though at no corner, or where both corners of a diagonal have more."""
     most = max(one.growing for row in grid for one in row) + 1
     margins = np.array([[[one.margin(k) for k in range(most)] for one in row] for row in grid])
     bends = np.zeros(margins.shape)
@@ -98,7 +99,7 @@ def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> lis
             growing = [one.growing for one in around]
             i, j = cell.i // step, cell.j // step
             bend = bends[i:i + 2, j:j + 2].max(axis=(0, 1)) / 4 * (cell.side / step) ** 2
-            above, below = max(growing), min(growing) - 1  # of the margins: the first that is negative, and the last above 0
+            above, below = max(growing), min(growing) - 1  # the first margin that is negative, and the last above 0
             open_ = (above < most and bend[above] > -max(one.margin(above) for one in around)) \
                 or (below >= 0 and bend[below] > min(one.margin(below) for one in around)) \
                 or min(growing[::2]) > max(growing[1::2]) or min(growing[1::2]) > max(growing[::2])
@@ -112,7 +113,7 @@ def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> lis
 
 
 class Bracket(NamedTuple):
-    """A part of an edge, from t = first to last of it, with the modes at both ends."""
+    """A part of an edge, from t = `first` to t = `last`, with the modes at both ends."""
 
     edge: Edge
     first: float
@@ -126,7 +127,7 @@ class Bracket(NamedTuple):
         return self.there.growing > self.here.growing
 
     def once_more(self) -> float | None:
-        """Where to look once more, between a mode that ceases to grow and one that begins to; None if there are not both."""
+        """t between a mode that ceases to grow and one that begins to, where modes are computed; None if there are not both."""
         places = []
         for one, other in ((self.here, self.there), (self.there, self.here)):
             rows = np.flatnonzero(one.votes > 0)
@@ -160,8 +161,8 @@ class BorderPlace(NamedTuple):
 def crossings(edges: Sequence[Edge], nodes: Nodes, rounds: int = 6) -> dict[Edge, list[BorderPlace]]:
     """The places where borders meet edges.
 
-    An edge on which one mode begins and another ceases to grow is divided between both, in so many `rounds` at most: then the two
-    places are nearer than 0.5 to 2 % of it.
+    An edge on which one mode begins and another ceases to grow is divided between both, in at most `rounds` rounds. The two
+    places are then nearer to each other than 0.5 to 2 % of the edge.
     """
     from scipy.optimize.elementwise import find_root
 
@@ -182,7 +183,7 @@ def crossings(edges: Sequence[Edge], nodes: Nodes, rounds: int = 6) -> dict[Edge
         parted = [(one, t) for one, t in at if t is not None]
         brackets = [part for (one, t), middle in zip(parted, solve(parted) if parted else [], strict=True)
                     for part in (one._replace(last=t, there=middle), one._replace(first=t, here=middle))]
-    # of each margin that changes its sign: where its mode is on the axis
+    # for each margin that changes its sign: the place where its mode is on the axis
     left: list[tuple[Bracket, int]] = []
     with one_thread(True):
         for one in whole + brackets:
@@ -199,7 +200,7 @@ def crossings(edges: Sequence[Edge], nodes: Nodes, rounds: int = 6) -> dict[Edge
                 k += 2 if high.heights[k] > 0 else 1
     if not left:
         return found
-    # or else a root of the margin, all that are left at once
+    # otherwise a root of the margin, for all remaining margins at once
     heights: dict[tuple[int, float], float] = {}
 
     def margins(t: Array, which: Array) -> Array:
@@ -227,8 +228,8 @@ def crossings(edges: Sequence[Edge], nodes: Nodes, rounds: int = 6) -> dict[Edge
 def joined(cells: Sequence[MapCell], nodes: Nodes, alike: float = 0.01) -> list[BorderLine]:
     """The lines of all borders: in a cell, a mode that begins to grow on the way around it is joined to one that ceases to.
 
-    If several do, ω shows which. Where the ω of two that begin are `alike`, relative to ω, they may be one mode: the cell is
-    halved. In one of the smallest cells near places are joined then.
+    If several modes do, ω identifies them. If two modes that begin to grow differ in ω by less than `alike`, relative to ω, they
+    may be one mode: the cell is halved. In a cell of the smallest size, nearby places are joined instead.
     """
     found: dict[Edge, list[BorderPlace]] = {}
     while True:

@@ -19,8 +19,8 @@ BORDERS = {"black": "border", "#1b7837": "border of divergence (ω = 0)"}
 def stability_map_chart(name: str, maps: Mapping[str, StabilityMap], title: str, labels: Sequence[str] = ("", "")) -> Chart:
     """The number of growing modes, and beside it the largest growth, with borders, over two parameters.
 
-    `maps` are those at values of a third parameter, by titles such as 'p = 2'; a page shows one of them at a time, chosen by a
-    slider. One map alone has the title ''. `labels` are those of the axes, with units; else the axes have the parameters' names.
+    `maps` are maps at values of a third parameter, by titles such as 'p = 2'; a page shows one map at a time, chosen by a slider.
+    A single map has the title ''. `labels` are axis labels with units; by default the axes have the parameters' names.
     """
     panels = []
     top = max(float(np.abs(finite(one.growth)).max(initial=0.0, where=np.isfinite(one.growth))) for one in maps.values()) or 1.0

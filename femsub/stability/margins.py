@@ -1,4 +1,4 @@
-"""The modes at points of a map: what grows, and margins that change their sign where a mode begins to grow.
+"""The modes at points of a map: which modes grow, and margins that change their sign where a mode begins to grow.
 
 A margin is continuous in the parameters: Re λ, or for two undamped modes, which meet on the axis, the discriminant of both. The
 k-th largest margin is continuous as well, also where modes change places. So the number of growing eigenvalues changes between
@@ -23,9 +23,9 @@ from femsub.modes import REGULAR, ComplexModes, complex_modes
 class PointModes(NamedTuple):
     """The modes at one point.
 
-    λ with Im λ ≥ 0 in the band without rigid motion (k,); 1 for one that grows, 0 if that is undecided, else -1. Margins of all
-    eigenvalues (w,), a pair twice, the largest first, and |Im λ| of each. The largest radius over |λ|, NaN if it is not known.
-    `whole`: whether these are all modes.
+    `values` are λ with Im λ ≥ 0 in the band, without rigid motion (k,). `votes` (k,) are 1 if a mode grows, 0 if that is
+    undecided, else -1. `margins` and `heights` (w,) are the margins of all eigenvalues and |Im λ|, a pair twice, the largest
+    first. `radius` is the largest radius over |λ|, NaN if it is not known. `whole`: whether these are all modes.
     """
 
     values: Array
@@ -37,7 +37,7 @@ class PointModes(NamedTuple):
 
     @property
     def number(self) -> int:
-        """Modes that certainly grow."""
+        """The number of modes that certainly grow."""
         return int((self.votes > 0).sum())
 
     @property
@@ -55,7 +55,7 @@ class PointModes(NamedTuple):
 
     @property
     def growing(self) -> int:
-        """Eigenvalues that certainly grow; a pair counts twice."""
+        """The number of eigenvalues that certainly grow; a pair counts twice."""
         return int((self.margins > 0).sum())
 
     @property
@@ -64,12 +64,12 @@ class PointModes(NamedTuple):
         return abs(float(self.values[int(self.values.real.argmax())].imag)) if len(self.values) else np.nan
 
     def margin(self, k: int) -> float:
-        """The k-th largest margin, from 0 on; one that is not there is as negative as the last."""
+        """The k-th largest margin, k from 0; beyond the last margin, the smallest one, and at most -1."""
         return float(self.margins[k]) if k < len(self.margins) else float(self.margins.min(initial=-1.0))
 
 
 def _ranked(values: Array, votes: Array, margins: Array, heights: Array, radius: float = np.nan) -> PointModes:
-    """With the margins in order, pairs twice; those of modes that are undecided count as not growing."""
+    """The modes with their margins in order, pairs twice. Undecided modes count as not growing."""
     twice = np.repeat(np.arange(len(margins)), np.where(heights > 0, 2, 1))
     order = twice[np.argsort(-margins[twice], kind="stable")]
     return PointModes(values, votes, margins[order], heights[order], radius)
@@ -88,10 +88,10 @@ def point_modes(modes: ComplexModes, band: tuple[float, float]) -> PointModes:
 
 
 def _undamped(squares: Array, band: tuple[float, float]) -> PointModes:
-    """The modes of λ² (n,): on the axis, or growing if it is complex or positive.
+    """The modes of λ² (n,). A mode grows if λ² is complex or positive; otherwise it is on the axis.
 
-    Two real λ² meet where their difference is 0, and are complex beyond: minus its square is their margin. That of a single λ²,
-    which diverges above 0, is the number itself, times the largest as unit.
+    Two real λ² meet where their difference is 0, and are complex beyond: minus the square of the difference is their margin. A
+    single λ² diverges above 0; its margin is λ² times the largest |λ²|, which gives the same unit.
     """
     size, least = float(np.abs(squares).max()), EPS * len(squares)
     real, pair = np.sort(squares[squares.imag == 0].real), squares[squares.imag > 0]
@@ -106,17 +106,17 @@ def _undamped(squares: Array, band: tuple[float, float]) -> PointModes:
 
 
 def modes_in(pencil: Pencil, band: tuple[float, float]) -> ComplexModes:
-    """Those in a band, which may have no end."""
+    """The complex modes in a band; all modes if the band has no end."""
     return complex_modes(pencil, band=band if np.isfinite(band[1]) else None)
 
 
 def between(ends: Sequence[Array], t: float) -> Array:
-    """A point on a straight line, not outside by rounding: a model of a box would refuse it."""
+    """A point on a straight line between two ends. Rounding does not move it outside, where a `BoxModel` would refuse it."""
     return np.asarray(np.clip(ends[0] + t * (ends[1] - ends[0]), np.minimum(*ends), np.maximum(*ends)))
 
 
 class ModesAt:
-    """The modes at points, some or many at once, and how many eigenproblems that took."""
+    """Computes the modes at points, some or many at once, and counts the eigenproblems solved."""
 
     def __init__(self, model: Any, at: Callable[[Mapping[str, float]], Pencil], names: Sequence[str],
                  band: tuple[float, float], ends: Sequence[Pencil], say: Callable[[str], None], fine: float = 1e-6) -> None:
@@ -128,11 +128,11 @@ class ModesAt:
             one.freed is None and np.linalg.cond(one.dense().M) < REGULAR for one in ends)
 
     def each(self, call: Callable[[Any], Any], things: Sequence[Any]) -> list[Any]:
-        """What a function returns of each of some things, by all cores."""
+        """The results of a function for each of some things, computed on all cores."""
         return list(by_threads(call, things))
 
     def __call__(self, points: Array) -> list[PointModes]:
-        """Of points (m, q)."""
+        """The modes at points (m, q)."""
         found: list[PointModes | None] = []
         parts = [points[first:first + BLOCK] for first in range(0, len(points), BLOCK)] if self.together else points[:, None]
         with one_thread(True):
@@ -144,11 +144,11 @@ class ModesAt:
             return [self._one(p[None])[0] if one is None else one for one, p in zip(found, points, strict=True)]
 
     def on_axis(self, ends: Sequence[Array], t: float, omega: float, rounds: int = 12) -> tuple[float, float, bool] | None:
-        """Where iω is an eigenvalue on the way between two points, near a guess: t, ω in the band, and whether Re λ rises.
+        """The place between two points, near a guess, where iω is an eigenvalue: t, ω in the band, and whether Re λ rises.
 
         Newton's method for yᴴP(iω; t)x = 0 with vectors of inverse iteration, and ∂P/∂t from both ends. It takes some dense
-        solutions and no eigenproblem. None where it does not converge in so many `rounds`; for large models, and for undamped
-        ones, whose modes coalesce on the axis.
+        solves and no eigenproblem. None if it does not converge in `rounds` steps, for large models, and for undamped models,
+        whose modes coalesce on the axis.
         """
         def matrices(p: Array) -> list[Array]:
             pencil = self.at(dict(zip(self.names, p.tolist(), strict=True))).dense()
@@ -187,7 +187,7 @@ class ModesAt:
         return self.modes(**p) if self.modes else modes_in(self.at(p), self.band)
 
     def _one(self, points: Array) -> list[PointModes]:
-        """Of one point (1, q); of a model of a box by its radii."""
+        """The modes at one point (1, q); a `BoxModel` decides by its radii."""
         if not self.modes:
             return [point_modes(self.whole(points[0]), self.band)]
         values, radius, whole = self.eigenvalues(dict(zip(self.names, points[0].tolist(), strict=True)))
@@ -199,7 +199,7 @@ class ModesAt:
         return [_spectrum(values, votes, largest)._replace(whole=whole)]
 
     def _many(self, points: Array) -> list[PointModes | None]:
-        """All eigenvalues, without vectors; None where rounding may move one in the band across the axis."""
+        """The modes from all eigenvalues, without vectors; None if rounding may move an eigenvalue across the axis."""
         pencils = [self.at(dict(zip(self.names, p, strict=True))).dense() for p in points.tolist()]
         M, D, K = (np.stack([getattr(one, name) for one in pencils]) for name in "MDK")
         n, still = M.shape[1], ~D.any(axis=(1, 2))
@@ -215,7 +215,7 @@ class ModesAt:
                 found.append(_undamped(next(squares), self.band))
                 continue
             values = next(every).astype(complex)
-            near = EPS**0.5 * np.abs(values).max()  # so far rounding moves even a double eigenvalue
+            near = EPS**0.5 * np.abs(values).max()  # rounding may move even a double eigenvalue so far
             values = values[(values.imag >= 0) & within(values, self.band)]
             found.append(None if (np.abs(values.real) <= near).any() else _spectrum(values, np.sign(values.real).astype(int)))
         return found

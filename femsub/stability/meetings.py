@@ -24,10 +24,10 @@ import numpy as np
 from femsub.checks import Array
 from femsub.model import DOUBLE
 
-PARTED = 4.0  # the distance of two branches beside a meeting, relative to the least
+PARTED = 4.0  # the distance of two branches on both sides of a meeting, relative to their smallest distance
 HALF, QUARTER = 3 * np.pi / 4, np.pi / 4  # limits between half a turn, a quarter, and none
 
-Modes = Callable[[float], tuple[Array, Array]]  # p ↦ λ (k,) and y_jᴴP'(λ_k)x_k (k, k), both of two conjugates
+Modes = Callable[[float], tuple[Array, Array]]  # p ↦ λ (k,) and y_jᴴP'(λ_k)x_k (k, k), with both conjugates of a pair
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Meeting:
     Attributes
     ----------
     kind : str
-        'crossing': their frequencies change order; the modes act on each other less than their damping differs, or not at all.
-        'veering': they turn away and exchange their shapes. 'coalescence': two frequencies become one and the growth rates part,
-        as at the onset of flutter; also a pair that becomes two real eigenvalues. 'splitting': the reverse. Both are verified
-        with the vectors: two eigenvalues become one at a value of the parameter next to this one (real, or with damping complex),
-        and no third mode takes part.
+        'crossing': their frequencies change order; the coupling of the modes is below the difference of their damping, or zero.
+        'veering': the branches turn away and exchange their shapes. 'coalescence': two frequencies become one and the growth
+        rates separate, as at the onset of flutter; also a pair that becomes two real eigenvalues. 'splitting': the reverse. Both
+        are verified with the vectors: two eigenvalues become one at a value of the parameter next to this one (real, or with
+        damping complex), and no third mode takes part.
     value : float
         The parameter at which they are nearest.
     width : float
@@ -54,7 +54,7 @@ class Meeting:
         |λ_a - λ_b| there.
     condition : float
         The larger condition number of the two at the nearest computed value. At an exceptional point (gap 0, one common vector)
-        it is infinite, for numbers in floating point about 1e8.
+        it is infinite; in floating point it is about 1e8.
     error_bar : float
         The larger error bar of the two. At an exceptional point no λ is known better than to the square root of the machine's
         precision.
@@ -88,7 +88,7 @@ def meetings_of(p: Array, values: Array, bar: Array, condition: Array, inside: A
 
 def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Array, branches: tuple[int, int],
              modes: Modes) -> list[Meeting]:
-    """Where two branches change the order of their frequencies, and where they are nearer than on both sides."""
+    """The meetings of two branches: where their frequencies change order, and where their distance has a minimum."""
     both = np.flatnonzero(~np.isnan(values).any(axis=1))
     if len(both) < 2:
         return []
@@ -124,7 +124,7 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
         value, least = _nearest(p[i - 1:i + 2], gap[i - 1:i + 2])
         kind = "veering"
         if turn >= QUARTER:
-            apart = np.flatnonzero(size > doubt)  # where vectors say something
+            apart = np.flatnonzero(size > doubt)  # where the vectors are known
             at = apart[np.argmin(np.abs(p[apart] - value))]
             if not _become_one(*modes(float(p[at])), values[at], value - float(p[at])):
                 continue
@@ -135,9 +135,10 @@ def _of_pair(p: Array, values: Array, bar: Array, condition: Array, inside: Arra
 
 
 def _become_one(values: Array, rates: Array, pair: Array, ahead: float) -> bool:
-    """Whether two modes have one exceptional point about `ahead`, alone up to where they are PARTED times as far from each other.
+    """Whether two modes have one exceptional point at about the distance `ahead`, and no other point is near.
 
-    There (λ_a - λ_b)² is PARTED² times as large, and so is the distance from the exceptional point.
+    Near means: up to where the modes are PARTED times as far from each other. There (λ_a - λ_b)² is PARTED² times as large, and
+    so is the distance from the exceptional point.
     """
     a = int(np.argmin(np.abs(values - pair[0])))
     b = int(np.argmin(np.where(np.arange(len(values)) == a, np.inf, np.abs(values - pair[1]))))

@@ -1,8 +1,8 @@
-"""Families of modes that grow: those of neighbouring values of the parameters with the same shape are one.
+"""Families of modes that grow: modes of the same shape at neighbouring values of the parameters belong together.
 
-The places are taken in the order in which each is nearest to one that was taken before (Prim's tree). The modes of a place are
-matched one to one with the families by λ and MAC, each family by its mode at the nearest place. A mode that is like none begins
-a family. So a family is continuous, though its shape may change over the parameters.
+The places are taken in the order in which each is nearest to a place that was taken before (Prim's tree). The modes of a place
+are matched one to one with the families by λ and MAC; a family is represented by its mode at the nearest place. A mode that
+matches no family begins a new one. So a family is continuous, though its shape may change over the parameters.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def grouped(nodes: Sequence[SeenMode], scale: Array, least: float = 0.5) -> Arra
     ----------
     nodes : sequence of SeenMode
     scale : ndarray, shape (q,)
-        Of the parameters, by which distances are measured.
+        Units of the parameters for the distances between places.
     least : float
-        The MAC from which a mode may be that of a family: then it is more like it than not.
+        The smallest MAC with which a mode may belong to a family.
     """
     from scipy.optimize import linear_sum_assignment
 

@@ -40,17 +40,17 @@ from femsub.model import (
 
 log = logging.getLogger(__name__)
 
-SAMPLED_AT = 2048  # values of the range at which a coefficient is known; an eighth for contacts of more columns
+SAMPLED_AT = 2048  # number of values at which a coefficient is sampled; an eighth of it for contacts of more columns
 Terms: TypeAlias = tuple[Matrix, float | Matrix, float | Matrix]
 
 
 @dataclass(frozen=True, eq=False)
 class Share:
-    """What depends on the parameter: a contact, or the factors of an `Affine`.
+    """A contact that depends on the parameter, or the factors of an `Affine`.
 
-    `coefficients` gives the numbers that the pencil depends on, in blocks of one unit each. `affine` is what was declared.
-    `kinks` are the values at which they are not smooth. `few`: the contact has few columns. `terms` gives W, C_D and
-    C_K of a contact.
+    `coefficients` returns the numbers on which the pencil depends, in blocks of one unit each. `affine`: whether they are
+    declared as affine in the parameter. `kinks` are the values at which they are not smooth. `few`: the contact has few columns.
+    `terms` returns W, C_D and C_K of a contact.
     """
 
     owner: str
@@ -79,13 +79,13 @@ class PencilOver:
         return self.at(self.sign * p)
 
     def projected(self, V: Array, between: tuple[float, float]) -> PencilOver:
-        """The same for the coordinates q of u = Vq; V is (n, r)."""
+        """The function for the pencil in coordinates q, u = Vq, with V (n, r)."""
         def small(p: float) -> Pencil:
             pencil = self.at(p)
             return type(pencil)(*(projected(A, V) for A in (pencil.M, pencil.D, pencil.K)))
 
         if not self.affine(between):
-            return replace(self, at=lru_cache(maxsize=64)(small))  # as many values as one exclusion comes back to
+            return replace(self, at=lru_cache(maxsize=64)(small))  # enough for the values to which an exclusion returns
         lo, hi = (self.sign * p for p in between)
         first, last = small(lo), small(hi)
         step = [(getattr(last, name) - getattr(first, name)) / (hi - lo) for name in "MDK"]
@@ -95,7 +95,7 @@ class PencilOver:
     def terms(self, between: tuple[float, float]) -> list[tuple[int, Matrix, Callable[[float], float]]] | None:
         """(power, T, θ) of all terms θ(p) λ^power T that depend on the parameter; None if they are not known.
 
-        They are known of an `Affine`, and of contacts that declare how they depend on the parameter (`family_of`).
+        They are known for an `Affine`, and for contacts that declare how they depend on the parameter (`family_of`).
         """
         lo, hi = sorted(self.sign * p for p in between)
         if (family := self.family((lo, hi))) is None:
@@ -105,7 +105,7 @@ class PencilOver:
                 for at, (power, theta, T) in enumerate(every) if (callable(theta) or isinstance(theta, str)) and abs(T).max()]
 
     def affine(self, between: tuple[float, float]) -> bool:
-        """Whether M is constant, and D and K are affine, as all declare on whom they depend.
+        """Whether M is constant and D and K are affine in the parameter, as declared by all `shares`.
 
         Raises
         ------
@@ -119,14 +119,15 @@ class PencilOver:
         return all(share.affine for share in self.shares)
 
     def kinks(self, between: tuple[float, float]) -> list[float]:
-        """The values within the range at which something is not smooth, ascending."""
+        """The values within the range at which a coefficient is not smooth, ascending."""
         places = {self.sign * float(p) for share in self.shares if not share.affine for p in share.kinks}
         return sorted(p for p in places if between[0] < p < between[1])
 
     def straight(self, values: Sequence[float]) -> list[float]:
-        """Ends of intervals over which the pencil is close to its chord: the range's if it is affine, or the values and others.
+        """Ends of intervals over which the pencil is close to its chord: those of the range if it is affine, else more values.
 
-        Close: no coefficient is farther off than by a tenth of its change over the range, see `Sampled.straight`.
+        Close means: no coefficient differs from its chord by more than a tenth of its change over the range. The `values` are
+        among the ends, see `Sampled.straight`.
         """
         lo, hi = values[0], values[-1]
         if self.affine((lo, hi)):
@@ -139,7 +140,7 @@ class PencilOver:
 
 
 class Sampled:
-    """The coefficients at many values of the parameter. They show where an interval is looked at beside the usual places."""
+    """The coefficients at many values of the parameter. They show at which additional values an interval must be examined."""
 
     def __init__(self, shares: Sequence[Share], between: tuple[float, float], kinks: Sequence[float], sign: float) -> None:
         self.shares, self.end, self.sign = shares, between[1], sign
@@ -151,7 +152,7 @@ class Sampled:
         self.size = np.maximum(np.abs(self.c).max(axis=0), 1e-300)
 
     def _at(self, values: Array) -> Array:
-        """The coefficients; straight on above the range, where a contact may refuse the parameter."""
+        """The coefficients; extrapolated linearly above the range, where a contact may refuse the parameter."""
         return np.array([self._one(p) if p <= self.end else 2 * self._one(self.end) - self._one(2 * self.end - p)
                          for p in values.tolist()])
 
@@ -159,7 +160,7 @@ class Sampled:
         return np.concatenate([np.ravel(block) for share in self.shares for block in share.coefficients(self.sign * p)])
 
     def straight(self, values: Sequence[float], off_chord: float = 0.1) -> list[float]:
-        """The values, and others where a coefficient is farther off its chord than by `off_chord` of its change over all."""
+        """The values, and more where a coefficient is off its chord by more than `off_chord` of its change over the range."""
         bound = off_chord * np.ptp(self.c, axis=0) + DUST * self.size
         waiting, ends = list(pairwise(values)), set(values)
         while waiting:
@@ -174,7 +175,7 @@ class Sampled:
         return sorted(ends)
 
     def places(self, begin: float, end: float, usual: Sequence[float] = ()) -> list[float]:
-        """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` ones; 4 at most."""
+        """The values in (begin, end) at which a coefficient is farther off its chord than at the `usual` values; 4 at most."""
         inside = (self.p > begin) & (self.p < end)
         if not inside.any():
             return []
@@ -192,13 +193,13 @@ class Sampled:
 
 def pencils_of(model: Substructure | Affine, contacts: Contacts, names: Sequence[str], what: str = "a map"
                ) -> Callable[[Mapping[str, float]], Pencil]:
-    """The pencil as a function of these parameters, which are all that have no value, and change in all contacts that have them.
+    """The pencil as a function of the parameters `names`. Each parameter changes in all contacts that have it.
 
     Raises
     ------
     InputError, InputTypeError
-        An unknown parameter, an `Affine` with contacts or with other parameters that have no value, structural damping, which has
-        no place in `what` is asked.
+        An unknown parameter; an `Affine` with contacts, or with other parameters that have no value; structural damping, which
+        `what` cannot take into account.
     """
     if isinstance(model, Affine):
         family_of(model, contacts, names, {})  # its checks
@@ -218,7 +219,7 @@ def pencils_of(model: Substructure | Affine, contacts: Contacts, names: Sequence
 def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str) -> PencilOver:
     """The pencil as a function of one parameter; errors are those of `pencils_of`.
 
-    It has no cut-off: the band of the question respects it, and solvers look a little beyond that.
+    The pencil has no cut-off. The band of the question respects that of the model, but solvers search a little beyond the band.
     """
     word("parameter", parameter)
     pencil_at = pencils_of(model, contacts, [parameter], "an analysis over a parameter")
@@ -246,7 +247,7 @@ def pencil_over(model: Substructure | Affine, contacts: Contacts, parameter: str
         declared = all(affine_functions(replace(contact, **middle), parameter) for contact in changing)  # type: ignore[type-var]
         try:
             return family_of(model, given, [parameter], {parameter: between}) if declared else None
-        except InputError as error:  # such as a law with one slope throughout; the pencil at each value is known all the same
+        except InputError as error:  # such as a law with one slope throughout; the pencil at each value is still known
             if all(one.affine for one in shares):
                 raise
             log.info("no sum of matrices over %s: %s", parameter, error)

@@ -2,14 +2,15 @@
 
 On the border a pair λ = iω fulfils 1 + c·iω·wᵀ(-ω²M + iωD + K)⁻¹w = 0. Every root found is verified on the pencil.
 
-The border of a reduced model depends on what its basis lacks, above all where two frequencies are close. Two modes of nearly
-one frequency mix: a small error of the model turns their shapes, and with them the damping of each. A dashpot that the basis
-has no shape for does the same. So the border may be far off although all frequencies are accurate. It is computed again on a
-wider model, which has the responses to the residuals of the modes in its basis as well (`femsub.reduction.wider`).
+The border of a reduced model depends on its truncation error, above all where two frequencies are close. Two modes of nearly
+equal frequency mix: a small error of the model changes their shapes, and with them the damping of each mode. A dashpot whose
+response is not in the basis has the same effect. So the border may be far off although all frequencies are accurate. It is
+therefore computed again on a wider model, whose basis also has the responses to the residuals of the modes
+(`femsub.reduction.wider`).
 
-For a large component this takes time. There only modes are looked at that are closer to each other than they are accurate. The
-error of a frequency is that of the model's estimate. Or it is bounded from the modes left out. With S = M_cc - M_co M_oo⁻¹ M_oc,
-the mass of the constraint modes that the kept modes do not have, and q_b, the coordinates of the former, ω² falls by at most
+For a large component this takes time. In that case only modes are examined whose distance is below their error. The error of a
+frequency is that of the model's estimate, or it is bounded from the modes left out. S = M_cc - M_co M_oo⁻¹ M_oc is the mass of
+the constraint modes that the kept modes do not represent, q_b are the coordinates of the constraint modes. ω² falls by at most
 
     ω⁴ q_bᵀ S q_b / (θ - ω²),   θ = ω_cut².
 """
@@ -55,8 +56,8 @@ class PortRoot:
             if fed is not None and fed.s < 0 and all(fed.pencil.symmetric[::2]):
                 return ""
         return ("the port's root takes a Substructure and a parameter that only takes damping from one port, as a falling "
-                "slope of a Belt, with other contacts that add to D only. See critical_value with a finite range, which takes "
-                "any")
+                "slope of a Belt, with other contacts that add to D only. critical_value with a finite range takes any "
+                "parameter")
 
     def solve(self, question: LossQuestion) -> CriticalValue:
         model, fed = question.model, port_fed(question)
@@ -68,7 +69,7 @@ class PortRoot:
             raise InputError(f"a sparse model of {model.size} DOF needs a band: give band=(lo, hi) in rad per unit of time, the "
                              "frequencies that may lose their stability")
         found = self._border(question)
-        # what may be inaccurate of a reduced model
+        # warnings where a reduced model may be inaccurate
         stable, sure = not len(found.unstable), SHARE * model.cutoff
         ports = [name for one in contacts_of(question.contacts) if hasattr(one, question.parameter) for name in one.ports]
         if stable and (found.omega > sure or (np.isinf(found.c) and question.band[1] > sure)):
@@ -99,9 +100,9 @@ class PortRoot:
 
 
 def port_fed(question: LossQuestion) -> Fed | None:
-    """How the parameter feeds a port by a term s p W Wᵀ in D, compared at two values.
+    """W and s if the parameter p acts only by a term s p W Wᵀ in D, which is checked at two values.
 
-    None if it does anything else, or if its contact refuses the start or a value beyond.
+    None if it acts in another way, or if its contact refuses the start or a value beyond.
     """
     model, over, (begin, end) = question.model, question.over, question.between
     share, beside = over.shares[0], min(begin + 1.0, end)
@@ -121,7 +122,7 @@ def port_fed(question: LossQuestion) -> Fed | None:
 
 
 def is_narrow(pencil: Pencil, top: float) -> bool:
-    """Whether a dense pencil has few modes up to a frequency: of a twelfth a search took a tenth of LAPACK's time for all."""
+    """Whether a dense pencil has up to a twelfth of its modes below `top`: a search for these takes a tenth of LAPACK's time."""
     if pencil.size <= WIDE or not np.isfinite(top):
         return False
     if not pencil.M.diagonal().all():
@@ -133,12 +134,12 @@ def is_narrow(pencil: Pencil, top: float) -> bool:
 def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Border,
           border: Callable[[Substructure], Border], close: float = 0.1, moved: float = 0.03, largest: int = 1000,
           small: int = 5000, most: int = 12) -> str:
-    """In words, how much the border moves on a wider model; nothing if it hardly does, or if no full component is left.
+    """In words, how much the border moves on a wider model; '' if it hardly moves, or if the full component no longer exists.
 
-    `pencil` is that of the model under contacts at the start, and `border` gives the border of a model with them. Two frequencies
-    are neighbours if they differ by less than a share `close`, and one of them may be outside the band. A relative change is
-    reported from `moved` on. A model above `largest` coordinates is not looked at, and of a component above `small` DOF at `most`
-    so many modes: each takes two solves with its factor, and two coordinates of another border.
+    `pencil` is that of the model under contacts at the start, and `border` gives the border of a model with these contacts. Two
+    frequencies are neighbours if they differ by less than a share `close`; one of them may be outside the band. A relative change
+    above `moved` is reported. A model above `largest` coordinates is not examined. For a component above `small` DOF at most
+    `most` modes are examined: each takes two solves with its factor, and adds two coordinates to the wider model.
     """
     if not np.isfinite(model.cutoff) or found.c == 0:
         return ""
@@ -152,7 +153,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
     wide = band[0] / (1 + close), min(band[1] * (1 + close), 0.99 * model.cutoff)
     order = order[(omega[order] >= wide[0]) & (omega[order] <= wide[1])]
     omega, X = omega[order], X[:, order]
-    # the modes i of which the next one is nearer than both are accurate, the nearest first
+    # the modes i whose distance to the next mode is below the errors of both, smallest ratio first
     error = omega * _errors(model, omega, X)
     gap, least = np.diff(omega), error[1:] + error[:-1]
     near = np.flatnonzero((gap <= least) & (gap <= close * omega[1:]))
@@ -163,7 +164,7 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
     try:
         larger = _wider(model, omega[chosen], X[:, chosen], port) if len(chosen) else None
         other = found if larger is None else border(larger)
-    except FemsubError:  # of a border that is not found nothing is known
+    except FemsubError:  # the border of the wider model is not known
         return ""
     if larger is None and np.isfinite(found.omega):
         mine = np.abs(omega - found.omega).argmin() if len(omega) else -1
@@ -180,20 +181,20 @@ def doubt(model: Substructure, pencil: Pencil, port: str, band: Band, found: Bor
 
 def _advice(finding: str, omega: Array, near: Array) -> str:
     if len(near):
-        finding += (f". Frequencies are closer to each other than they are accurate ({omega[near[0]]:.7g} and "
-                 f"{omega[near[0] + 1]:.7g}), so modes may be mixed wrongly")
+        finding += (f". The distance of two frequencies is below their errors ({omega[near[0]]:.7g} and "
+                 f"{omega[near[0] + 1]:.7g}), so their modes may be mixed wrongly")
     return finding + ". Keep more modes, or put the DOF of dashpots and belts into the interface"
 
 
 def _full_size(model: Any) -> int:
-    """The number of DOF of the full component, or of those of all parts."""
+    """The number of DOF of the full component, or of the full components of all parts."""
     if hasattr(model, "parts"):
         return sum(map(_full_size, model.parts.values()))
     return len(model.V) if isinstance(model, ReducedSubstructure) else int(model.size)
 
 
 def _shares(system: Any, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
-    """Each part by its name, with its share of the shapes q (r, k)."""
+    """Name and model of each part, with the shapes q (r, k) in its coordinates."""
     at = 0
     for name, part in system.parts.items():
         yield name, part, system.L[at:at + part.size] @ q
@@ -201,7 +202,7 @@ def _shares(system: Any, q: Array) -> Iterator[tuple[str, Substructure, Array]]:
 
 
 def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
-    """What the modes left out may change of each ω, relative, (k,), for shapes q (r, k)."""
+    """The relative error of each ω that the modes left out may cause, (k,), for shapes q (r, k)."""
     if (estimate := getattr(model, "estimate", None)) is not None and len(estimate.frequencies) and not joined:
         at = np.abs(omega[:, None] - estimate.frequencies).argmin(axis=1)
         return np.where(omega <= estimate.band[1], estimate.frequency_error[at], 0.0)
@@ -220,7 +221,7 @@ def _errors(model: Any, omega: Array, q: Array, joined: bool = False) -> Array:
 
 
 def _wider(model: Any, omega: Array, q: Array, port: str) -> Substructure | None:
-    """The model with the residuals of these modes in its basis; None if no full component can be reached."""
+    """The model with the responses to the residuals of these modes in its basis; None if no full component exists."""
     if hasattr(model, "parts"):
         found = {name: _wider(part, omega, own, port.removeprefix(f"{name}.") if port.startswith(f"{name}.") else "")
                  for name, part, own in _shares(model, q)}

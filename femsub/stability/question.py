@@ -1,4 +1,4 @@
-"""The question where stability is lost, and its answer: the one form that all solvers share."""
+"""The question at which values stability is lost, and its answer, in the form that all solvers share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class LossQuestion:
     """A pencil over a range of a parameter, begin < end, and the band in which crossings count.
 
-    `limited`: the band was asked for. A range that falls was turned: `over` takes the parameter with the other sign.
+    `limited`: the band was given. `falls`: the given range falls, and `over` takes the parameter with the other sign.
     `floats`: the model is known to have rigid motion over the range, driven by friction or not.
     """
 
@@ -38,11 +38,11 @@ class LossQuestion:
 
     @property
     def cutoff(self) -> float:
-        """That of the model, where it ends the band or is not known (NaN); inf where a band was asked for."""
+        """The cut-off of the model if it ends the band or is not known (NaN); inf if a band was given."""
         return np.inf if self.limited and not np.isnan(self.model.cutoff) else self.model.cutoff
 
     def of(self, model: Substructure) -> LossQuestion:
-        """The same question of another model."""
+        """The same question for another model."""
         return replace(self, model=model, over=replace(pencil_over(model, self.contacts, self.parameter), sign=self.over.sign))
 
 
@@ -57,13 +57,13 @@ class CriticalValue(Displayed):
     parameter : str
     value : float
         The first loss. The start of the range if a mode grows there already. If stability is never lost, inf, or -inf in a range
-        that falls. If it is first lost in an open interval, at a place that is not known, the start of what is left of it. If
+        that falls. If it is first lost at an unknown place in an open interval: the start of the part that is not settled. If
         the model was followed, and a growing mode enters the band: the value where it enters.
     losses, regains : tuple of Crossing
         Where modes begin and cease to grow, in the order of the search. A loss at either end of the range counts: the mode
-        grows, or would grow, just beyond. A regain at the end counts as well, but none at the start. So losses less regains, a
-        pair counting twice, are the growing eigenvalues just beyond the end less those at the start. The port's root finds the
-        first loss only.
+        grows, or would grow, just beyond. A regain counts at the end, but not at the start. So the number of losses minus regains
+        (a pair counts twice) is the number of growing eigenvalues just beyond the end minus that at the start. The port's root
+        finds the first loss only.
     searched : (start, end)
         The range of the parameter.
     band : (lo, hi)
@@ -71,30 +71,32 @@ class CriticalValue(Displayed):
     growing : int
         Number of eigenvalues in the band that grow at the start of the range (a pair counts twice).
     fastest : complex
-        The one of largest growth among them; NaN if none grows.
+        The eigenvalue of largest growth among these; NaN if none grows.
     open : tuple of (float, float)
-        Intervals in which a crossing, or one there and back, was not excluded: because eigenvalues pass each other on the axis or
-        touch it, because rounding hides which grow, or because the effort ends. A window is open as well if the modes found to
-        cross do not account for the change in the number of growing eigenvalues. Of crossings in a wide interval only those are
-        listed that could be verified.
+        Intervals in which a crossing, or a crossing there and back, was not excluded. Causes: eigenvalues pass each other on the
+        axis or touch it, rounding hides which of them grow, or the limit of work was reached. A window is also open if the modes
+        found to cross do not explain the change in the number of growing eigenvalues. In a wide interval only crossings that
+        could be verified are listed.
     tally : Tally
-        The eigenvalues of all losses less those of all regains, beside the change of the number that grow over the range.
+        The number of eigenvalues of all losses minus that of all regains, and the change in the number of growing eigenvalues
+        over the range.
     evidence : str
-        'certified': discs around the eigenvalues, or sweeps around all that grow in the band (with solver='followed' where the
-        parameter acts through few columns), exclude each crossing outside these points. 'confirmed': by discs, but the
-        pencil is not declared affine in the parameter (`Contact`). It was sampled in each interval, and what depends on the
-        parameter at 2,048 values of the range (256 for contacts of more than 8 columns). A factor that is a function counts as
-        not affine. Or the model was followed: the crossings, and the growing modes that pass an edge of the band, make up how
-        many eigenvalues grow at values in the range, whose modes are complete. The modes that come to an edge anywhere in the
-        range are followed as well. Or, for a port's root, how many grow just beyond it. 'not checked': some intervals are open,
-        or nothing was counted.
+        'certified': discs around the eigenvalues, or sweeps around all growing λ in the band, exclude each crossing outside these
+        points (with solver='followed' only if the parameter acts through few columns).
+        'confirmed' has three meanings. Discs exclude other crossings, but the pencil is not declared affine in the parameter
+        (`Contact`). It was sampled in each interval, and its coefficients at 2,048 values of the range (256 for contacts of more
+        than 8 columns). A factor that is a function counts as not affine. Or the model was followed: the crossings, and the
+        growing modes that pass an edge of the band, explain the numbers of growing eigenvalues at values whose modes are
+        complete. Modes that come to an edge anywhere in the range are followed as well. Or, for a port's root, the number of
+        growing eigenvalues just beyond it is explained.
+        'not checked': some intervals are open, or nothing was counted.
     method : str
         'discs', 'followed', 'scalar function' or 'bracketing'.
     solved : int
         Number of eigenproblems.
     cutoff : float
-        That of a reduced model, where no band was asked for: it ends the band. inf otherwise. Where that of a basis is not known
-        (NaN), the evidence is 'not checked'.
+        The cut-off of a reduced model if no band was given: the band ends there. Otherwise inf. If the cut-off of a basis is not
+        known (NaN), the evidence is 'not checked'.
 
     Examples
     --------
@@ -136,7 +138,7 @@ class CriticalValue(Displayed):
 
     @property
     def first(self) -> tuple[Crossing, ...]:
-        """All modes that are lost together at the first loss; empty if there is none, or its place is not known."""
+        """All modes that begin to grow together at the first loss; empty if there is no loss, or its place is not known."""
         return tuple(one for one in self.losses
                      if abs(one.value - self.value) <= max(one.width, self.losses[0].width)) if self.losses else ()
 
@@ -152,12 +154,12 @@ class CriticalValue(Displayed):
 
     @property
     def crossing(self) -> Array:
-        """The frequencies of all modes that are lost together at the first loss, ascending."""
+        """The frequencies of all modes that begin to grow together at the first loss, ascending."""
         return np.array([one.omega for one in self.first])
 
     @property
     def growth(self) -> tuple[float, float]:
-        """Re λ of the first of them before and beyond the value."""
+        """Re λ of the mode of `omega` before and beyond the value."""
         return self.first[0].growth if self.first else (np.nan, np.nan)
 
     @property
@@ -168,7 +170,7 @@ class CriticalValue(Displayed):
         return float(self.value)
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each loss and regain of stability; one without a value where it is never lost, or lost before the range."""
+        """A row for each loss and regain. One row without a value if stability is never lost, or lost at an unknown place."""
         several: list[tuple[str, Any]] = [*(("lost", one) for one in self.losses), *(("regained", one) for one in self.regains)]
         if self.growing or not (self.first or (self.regains and np.isinf(self.value))):
             where = "never lost" if np.isinf(self.value) else "lost at a place not known"
@@ -178,7 +180,7 @@ class CriticalValue(Displayed):
                 for what, one in several]
 
     def beside(self, known: float | None) -> list[dict[str, Any]]:
-        """`rows` with a value that is known, the reference of the first loss, or of the only row, and the error of the former."""
+        """`rows` with a `known` value as the reference of the first loss, or of a row without a value, and the loss's error."""
         rows = self.rows()
         first = next((row for row in rows if row["value"] == self.value), None)
         return [row | {"reference": known if row is first or row["value"] is None else None,
@@ -191,7 +193,7 @@ class CriticalValue(Displayed):
         return [Table("critical", self.rows(), columns, f"Losses and regains of stability over {self.parameter}")]
 
     def chart(self, title: str = "Losses and regains of stability") -> Chart:
-        """Their frequencies over the parameter, and the intervals in which more were not excluded."""
+        """Frequencies of losses and regains over the parameter, and the intervals in which more crossings were not excluded."""
         return crossings_chart(self, title)
 
     def __repr__(self) -> str:
@@ -213,6 +215,6 @@ class CriticalValue(Displayed):
 
 
 def fastest(values: Array) -> complex:
-    """Of growing eigenvalues the one of largest growth, with Im λ ≥ 0; NaN if there is none."""
+    """The eigenvalue of largest growth among growing ones, with Im λ ≥ 0; NaN if there is none."""
     top = max(values.tolist(), key=lambda value: value.real, default=complex(np.nan, np.nan))
     return complex(top.real, abs(top.imag))

@@ -1,4 +1,4 @@
-"""How sure a verdict is where parameters scatter: probabilities of instability with their intervals, and which input matters."""
+"""Stability where parameters scatter: probabilities of instability with their intervals, and the importance of each input."""
 
 from __future__ import annotations
 
@@ -38,22 +38,22 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModeFamily:
-    """Modes that grow at some samples and are one over the scatter, by frequency and shape; see `Scatter.families`.
+    """Modes that grow at some samples and belong together by frequency and shape; see `Scatter.families`.
 
     Attributes
     ----------
     probability : float
-        The share of the samples at which a mode of it certainly grows.
+        The share of the samples at which a mode of the family certainly grows.
     interval : (float, float)
-        As that of `Scatter`, for this family. Samples that are undecided or outside the box count in its upper end.
+        As in `Scatter`, for this family. Samples that are undecided or outside the box count in its upper end.
     undecided : float
-        The share of the samples at which it is undecided, those outside the box included.
+        The share of the samples at which growth is undecided, samples outside the box included.
     frequency : (float, float)
         The least and the largest Im λ, in radians per unit of time.
     at : ndarray of int, shape (k,)
-        The samples at which it grows or is undecided.
+        The samples at which a mode of the family grows or is undecided.
     growth, omega : ndarray, shape (k,)
-        Re λ and Im λ there. Where a sample was not solved for itself, they are those of the enclosures' centres.
+        Re λ and Im λ there. For a sample that was not solved alone, these are the centres of enclosures.
     """
 
     probability: float
@@ -72,7 +72,7 @@ class ModeFamily:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Importance:
-    """Sobol indices of each input, of whether a mode grows and of the largest Re λ; NaN of what does not vary.
+    """Sobol indices of each input, for instability and for the largest Re λ; NaN if these do not vary.
 
     Attributes
     ----------
@@ -81,9 +81,9 @@ class Importance:
         Shares of the variance of the indicator of instability: by this input alone, and with all its interactions. An undecided
         sample counts as one half.
     first_growth, total_growth : ndarray, shape (q,)
-        The same of the largest Re λ in the band.
+        The same for the largest Re λ in the band.
     base : int
-        Samples of each of the q + 2 designs. 0 where nothing was computed.
+        Number of samples of each of the q + 2 designs. 0 if nothing was computed.
     """
 
     parameters: tuple[str, ...]
@@ -119,7 +119,7 @@ class Scatter(Displayed):
     undecided : float
         The share of the samples with verdict 0.
     outside : float
-        The share outside the box of the model, which is a part of `undecided`.
+        The share of the samples outside the box of the model; it is a part of `undecided`.
     families : tuple of ModeFamily
         The most probable first.
     importance : Importance
@@ -127,7 +127,7 @@ class Scatter(Displayed):
     deviation : float
         The standard deviation of `probability`, from the replicates of the points.
     replicates : int
-        Sobol sequences of equal length, each scrambled independently.
+        Number of Sobol sequences of equal length, each scrambled independently.
     band : (lo, hi)
     solved : int
         Decompositions and eigenproblems that were computed.
@@ -165,13 +165,13 @@ class Scatter(Displayed):
     cutoff: float = np.inf
 
     def tables(self) -> list[Table]:
-        """A row for each family of modes, one for each input, and one for each sample, which are not printed."""
+        """A row for each family of modes, one for each input, and one for each sample (this table is not printed)."""
         return scatter_tables("scatter", self)
 
     def chart(self, title: str = "Modes that grow where parameters scatter", labels: Mapping[str, str] | None = None) -> Chart:
         """The cloud of frequency over growth, the probability of each family of modes, and a tornado of the inputs.
 
-        `labels` are names of the inputs to be shown, with units.
+        `labels` are the displayed names of the inputs, with units.
         """
         return scatter_chart("scatter", self, title, labels)
 
@@ -193,36 +193,36 @@ class Scatter(Displayed):
 def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts: Contacts = None,
             band: tuple[float, float] | None = None, samples: int = 4096, covariance: Any = None, seed: int = 0,
             confidence: float = 0.95, importance: bool = True, progress: Callable[[str], None] | None = None) -> Scatter:
-    """The probability that a mode grows, where parameters have distributions: P(surely unstable), P(undecided), and intervals.
+    """The probability that a mode grows, if parameters have distributions: P(surely unstable), P(undecided), and intervals.
 
-    At each sample the verdict is that of the model's own error bars, or of the radii of a model of a box. A family of small
-    dense matrices is not solved at each sample: its eigenvalues are enclosed from decompositions at fewer places.
+    At each sample the model's own error bars, or the radii of a `BoxModel`, decide. A family of small dense matrices is not
+    solved at each sample: its eigenvalues are enclosed from decompositions at fewer places.
 
     Parameters
     ----------
     model : Substructure or Affine
-        Full or reduced; best is a model of a box of parameters, which knows its distance to the full model. Samples outside its
-        box count as undecided, and a warning names the bound.
+        Full or reduced; best is a `BoxModel`, which estimates its distance from the full model. Samples outside its box count as
+        undecided, and a warning names the bound.
     inputs : mapping of str to a frozen distribution of scipy.stats
-        Of parameters of an `Affine`, or of fields of the contacts, which change in all contacts that have them.
+        Distributions of parameters of an `Affine`, or of fields of the contacts, which change in all contacts that have them.
     contacts : Belt, LinearContact or another contact, or a sequence of them, optional
         On the model's ports; None for an `Affine`.
     band : (lo, hi), optional
         Only modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. Default: all, for a reduced model those up to
         its cut-off. Required for a sparse model above 2,000 DOF.
     samples : int
-        At least so many: 9 to 16 scrambled Sobol sequences of equal length, a power of two.
+        The least number of samples. They are 9 to 16 scrambled Sobol sequences of equal length, a power of two.
     covariance : array_like, shape (q, q), optional
-        Of inputs that are correlated, in their order: a correlation matrix, or a covariance with the variances of the
-        distributions. The correlation is that of a Gaussian copula. So it is the one of normal inputs, and of the normal scores
-        of others.
+        For correlated inputs, in their order: a correlation matrix, or a covariance matrix with the variances of the
+        distributions. It is the correlation of a Gaussian copula: that of the inputs if they are normal, otherwise that of their
+        normal scores.
     seed : int
     confidence : float
-        Of all intervals, two-sided, each for itself.
+        The confidence of each interval by itself, two-sided.
     importance : bool
-        Whether Sobol indices are estimated, by up to a quarter more samples.
+        Whether Sobol indices are estimated, with up to a quarter more samples.
     progress : callable, optional
-        Is called with a line of text as the work goes on.
+        Called with a line of text during the computation.
 
     Returns
     -------
@@ -231,8 +231,8 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
     Raises
     ------
     InputError, InputTypeError
-        An unknown parameter, others without a value, what is no frozen distribution of one number, a matrix that is no
-        covariance; all samples outside the box of the model.
+        An unknown parameter; other parameters without a value; an input that is no frozen distribution of one number; a matrix
+        that is no covariance; all samples outside the box of the model.
 
     Warns
     -----
@@ -241,16 +241,16 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
 
     Notes
     -----
-    An interval is the wider of two at each end. Clopper's and Pearson's takes all samples as independent. The other one is
-    Student's over the means of the replicates, since Sobol points need not be better than independent ones. Importance is
-    estimated by `scipy.stats.sobol_indices`. Of correlated inputs its index belongs to the part that is not explained
-    by inputs before it (by Cholesky's factor), so the order counts.
+    Each end of an interval is the wider one of two intervals. Clopper's and Pearson's interval takes all samples as independent.
+    Student's interval uses the means of the replicates, since Sobol points need not be better than independent points. Importance
+    is estimated by `scipy.stats.sobol_indices`. The index of a correlated input belongs to the part of it that inputs before it
+    do not explain (by Cholesky's factor), so the order matters.
 
     References
     ----------
     C. J. Clopper, E. S. Pearson, Biometrika 26 (1934) 404; A. B. Owen, J. Complexity 14 (1998) 466 (scrambled points); A.
     Saltelli et al., Comput. Phys. Commun. 181 (2010) 259 (indices); T. A. Mara, S. Tarantola, Reliab. Eng. Syst. Saf. 107 (2012)
-    115 (of correlated inputs).
+    115 (correlated inputs).
 
     Examples
     --------
@@ -327,13 +327,13 @@ def scatter(model: Substructure | Affine, inputs: Mapping[str, Any], *, contacts
 
 
 def _law(name: str, value: Any) -> Callable[[Array], Array]:
-    """The inverse of the distribution function."""
+    """The inverse of the distribution function of an input."""
     law = getattr(value, "icdf", None) or getattr(value, "ppf", None)
     if law is None or isinstance(value, type) or not (hasattr(value, "icdf") or hasattr(value, "dist")):
         raise InputTypeError(f"the input {name} must be a frozen distribution of scipy.stats, such as norm(0.4, 0.05), not "
                              f"{value!r}")
     if np.ndim(law(0.5)):
-        raise InputError(f"the distribution of {name} must be that of one number")
+        raise InputError(f"the distribution of {name} must be a distribution of one number")
     return law
 
 
@@ -365,7 +365,7 @@ def _scores(q: int, power: int, rng: np.random.Generator) -> Array:
 
 
 def _values(laws: Sequence[Callable[[Array], Array]], scores: Array) -> Array:
-    """The inputs of normal scores (m, q)."""
+    """The values of the inputs at normal scores (m, q)."""
     from scipy.special import ndtr
 
     return np.stack([np.asarray(law(ndtr(column)), dtype=float) for law, column in zip(laws, scores.T, strict=True)], axis=1)
@@ -392,7 +392,7 @@ def _outside(model: Any, names: Sequence[str], points: Array, count: int) -> Arr
 
 def _labels(model: Any, contacts: Contacts, names: Sequence[str], at: Callable[[Mapping[str, float]], Any],
             limits: tuple[float, float], points: Array, among: Array, say: Callable[[str], None]) -> Labels:
-    """By leaves where the model is a dense family with damping, the others one by one."""
+    """The labels of the points: by leaves if the model is a dense family with damping, otherwise one by one."""
     left, family = np.flatnonzero(among), model
     ends = [at(dict(zip(names, points[i].tolist(), strict=True))) for i in left[[0, -1]]]
     solver = ModesAt(model, at, names, limits, ends, say)
@@ -414,7 +414,7 @@ def _labels(model: Any, contacts: Contacts, names: Sequence[str], at: Callable[[
 
 
 def _interval(certain: Array, open_: Array, replicates: int, confidence: float) -> tuple[tuple[float, float], float]:
-    """The interval of a probability between those of `certain` and of `certain` or `open_`; the deviation of the first."""
+    """The interval of a probability, from P(certain) to P(certain or open_), with sampling errors; deviation of P(certain)."""
     from scipy.stats import beta, t
 
     m, tail = len(certain), (1 - confidence) / 2
@@ -429,7 +429,7 @@ def _interval(certain: Array, open_: Array, replicates: int, confidence: float) 
 
 
 def _importance(labels: Labels, names: tuple[str, ...], count: int, base: int) -> Importance:
-    """Sobol indices of the labels of the designs A, B and those of A with a column of B."""
+    """Sobol indices from the labels of the designs A, B, and A with a column of B."""
     if len(names) == 1:
         return Importance(names, one := np.ones(1), one, one, one, 0)
     found = np.full((4, len(names)), np.nan)

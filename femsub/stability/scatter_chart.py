@@ -20,7 +20,7 @@ SYMBOLS = "os^Dv<>Ph*"
 def scatter_chart(name: str, found: Scatter, title: str, labels: Mapping[str, str] | None = None, most: int = 2000) -> Chart:
     """The cloud of frequency over growth, the probability of each family of modes, and a tornado of the inputs.
 
-    `labels` are names of the inputs to be shown, with units. Of each family `most` samples are drawn at most.
+    `labels` are the displayed names of the inputs, with units. At most `most` samples of each family are drawn.
     """
     cloud, bars = list[Series](), list[Series]()
     for k, one in enumerate(found.families):

@@ -7,11 +7,11 @@ With P(λ; p)x = 0 and yᴴP = 0, P' = ∂P/∂λ and P_j = ∂P/∂p_j,
     λ_jk = -yᴴ[(P_jk + λ_k P'_j + λ_j P'_k + 2 λ_j λ_k M)x + (P_j + λ_j P')x_k + (P_k + λ_k P')x_j] / yᴴP'x.
 
 One factor of P beside λ serves all parameters. The bar of λ_j comes from the residuals r = Px and l = Pᴴy, rounding included. An
-error δx of x with Pδx = -r changes λ_j by y_jᴴ(-r) / yᴴP'x to first order, and one of y by lᴴx_j / yᴴP'x. An error of λ does not
-enter by the vectors, because of the conditions on x_j and y_j.
+error δx of x with Pδx = -r changes λ_j by y_jᴴ(-r) / yᴴP'x to first order; an error of y changes it by lᴴx_j / yᴴP'x. An error of
+λ does not enter through the vectors, because of the conditions on x_j and y_j.
 
-Where eigenvalues meet, λ is not differentiable. The matrix S (m, m) that has them as its eigenvalues is, up to similarity: with
-Z = [X; XS] of the pencil's companion form, its left counterpart W, and Q the lower half of W,
+Where eigenvalues meet, λ is not differentiable. But the matrix S (m, m) with these eigenvalues is differentiable, up to
+similarity. With Z = [X; XS] of the pencil's companion form, its left counterpart W, and Q the lower half of W,
 
     MXS² + DXS + KX = 0,   S_j = -(WᴴEZ)⁻¹ Qᴴ(M_j XS² + D_j XS + K_j X),   E = diag(I, M).
 
@@ -60,18 +60,18 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class MetPair:
-    """Eigenvalues that meet, or nearly do: the eigenvalues of S + Σ_j δp_j S_j, to first order in what is differentiable.
+    """Eigenvalues that meet, or nearly meet: the eigenvalues of S + Σ_j δp_j S_j, where S is known to first order.
 
-    Of a pair, λ = mean + Σ mean_j δp_j ± √(square + Σ square_j δp_j): the square is that of half the distance. If it is 0 while
-    its derivative is not, λ moves with the root of δp.
+    For a pair, λ = mean + Σ mean_j δp_j ± √(square + Σ square_j δp_j), with `square` of half the distance. If it is 0 while its
+    derivative is not, λ moves with the root of δp.
 
     Attributes
     ----------
     modes : tuple of int
-        Their places among the modes given; a partner that is not among them is not named.
+        Their indices among the given modes. A partner that is not among these is not listed.
     S : ndarray, shape (m, m)
     slopes : ndarray, shape (q, m, m)
-        S_j of each parameter, in the units of λ per that of the parameter.
+        S_j for each parameter, in units of λ per unit of the parameter.
     error : float
         Estimated error of the eigenvalues' mean, from the last step of the iteration and rounding.
     """
@@ -111,7 +111,7 @@ class MetPair:
 
     def _pair(self) -> Array:
         if len(self.S) != 2:
-            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. Take S and slopes")
+            raise InputError(f"{len(self.S)} eigenvalues meet: only a pair has a square of half its distance. Use S and slopes")
         return self.S
 
 
@@ -123,7 +123,7 @@ class Sensitivities(Displayed):
     ----------
     parameters, units : tuple of str
     values : ndarray, shape (q,)
-        The parameters now; NaN for what the model does not have yet, such as an added mass.
+        The present values of the parameters; NaN for a change that the model does not have yet, such as an added mass.
     eigenvalues : ndarray of complex, shape (k,)
         λ after the correction of the vectors.
     first : ndarray of complex, shape (k, q)
@@ -131,11 +131,11 @@ class Sensitivities(Displayed):
     error_bar : ndarray, shape (k, q)
         Bound of the error of `first` to first order, from residuals and rounding.
     second : ndarray of complex, shape (k, q, q)
-        ∂²λ/∂p_i∂p_j; NaN as `first`, and where they were not asked for.
+        ∂²λ/∂p_i∂p_j; NaN where `first` is NaN, or if second derivatives were not computed.
     differentiable : ndarray of bool, shape (k,)
         False for rigid motion at λ = 0, and where eigenvalues meet.
     meetings : tuple of MetPair
-        What is known of those that meet.
+        The eigenvalues that meet.
 
     Examples
     --------
@@ -202,7 +202,7 @@ class Sensitivities(Displayed):
 
 
 class _Piece(NamedTuple):
-    """θ(p) s^power UᵀAU, a part of P that depends on parameters, with the jet of θ; U None is the identity."""
+    """θ(p) s^power UᵀAU, a part of P that depends on parameters, with the jet of θ; U = None: identity."""
 
     matrix: str
     U: Matrix | None
@@ -210,7 +210,7 @@ class _Piece(NamedTuple):
     jet: Jet
 
     def weight(self, s: complex, order: int = 0) -> complex:
-        """What A is multiplied with at s, or its derivative in s."""
+        """The factor of A at s, or the derivative of this factor with respect to s."""
         if self.matrix == "H":
             return 1j * np.sign(np.imag(s)) * (order == 0)
         return complex({"M": (s * s, 2 * s), "D": (s, 1.0), "K": (1.0, 0.0)}[self.matrix][order])
@@ -243,9 +243,9 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
     Parameters
     ----------
     model : Substructure or Affine
-        Full or reduced. Of a reduced model the derivatives are those of the small model.
+        Full or reduced. For a reduced model, the derivatives are those of the small model.
     contacts : Belt, FrictionContact or another contact, or a sequence of them
-        At the values where the derivatives are wanted; None for an `Affine`.
+        With the parameter values at which derivatives are computed; None for an `Affine`.
     modes : ComplexModes
         Of this model with these contacts.
     parameters : sequence of str or changes
@@ -257,10 +257,10 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
     at : mapping of str to float
         The values of all parameters of an `Affine`.
     second : bool, optional
-        Whether second derivatives are wanted. Default: of dense models. They take a complex factor for each λ. Without them
-        one symmetric factor corrects the left vector of a sparse model, which `modes` knows roughly.
+        Whether second derivatives are computed. Default: only for dense models. They take a complex factor for each λ. Without
+        them, a symmetric factor corrects the approximate left vector in `modes` of a sparse model.
     together : float
-        Eigenvalues meet if they are nearer than this share of |λ|, or than eight times the error of one of them.
+        Eigenvalues meet if their distance is below this share of |λ|, or below eight times the error of one of them.
 
     Returns
     -------
@@ -273,7 +273,7 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
 
     Notes
     -----
-    For SciPy's optimisers give `growth` of the mode that is to decay as the gradient. The largest Re λ of several modes has a
+    For SciPy's optimisers, use `growth` of the mode that must decay as the gradient. The largest Re λ of several modes has a
     kink where two are equal.
 
     Examples
@@ -307,7 +307,7 @@ def sensitivities(model: Substructure | Affine, contacts: Contacts, modes: Compl
     for row, mode in enumerate(chosen.tolist()):
         twin = next((one for one in range(row) if plain[one] and values[mode].imag
                      and values[chosen[one]] == values[mode].conj()), None)
-        if twin is not None:  # the other one of a pair
+        if twin is not None:  # the conjugate of a mode that is done
             lam[row], first[row], bar[row], curves[row] = lam[twin].conj(), first[twin].conj(), bar[twin], curves[twin].conj()
             continue
         near = np.abs(every - values[mode])
@@ -355,7 +355,7 @@ def _varied(model: Any, contacts: Contacts, parameters: Any, at: Mapping[str, fl
             # of one sign, since a contact may refuse others; the fit over them is exact
             ranges = {name: (min(value / 2, 2 * value), max(value / 2, 2 * value)) if value else (0.0, 1.0)
                       for name, value in values.items()}
-            # a copy would be another model to the contacts, which keep their matrices by the model's DOF
+            # no copy of the model if possible: contacts store their matrices by the model's DOF
             viscous = model if model.H is None else model.with_structural_damping(None)
             family = family_of(viscous, contacts, named, ranges)
     q, pieces = len(given), []
@@ -382,7 +382,7 @@ def _varied(model: Any, contacts: Contacts, parameters: Any, at: Mapping[str, fl
 
 
 def _now(contacts: Contacts, named: Sequence[str]) -> dict[str, float]:
-    """The values of fields of contacts, which must be one number in all that have it."""
+    """The values of fields of contacts. A field must have the same value in all contacts that have it."""
     known = contacts_of(contacts)
     found = {}
     for name in named:
@@ -410,7 +410,7 @@ class _Simple(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Of one eigenpair: P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; yᴴP_j x, yᴴP'_j x, the
+    """For one eigenpair: P_j x and P_jᴴy, (n, q), or their products YᴴP_j x and XᴴP_jᴴy with some vectors; yᴴP_j x, yᴴP'_j x, the
     rounding in the former, yᴴP_jk x, and ‖P_j x‖₁ and ‖P_jᴴy‖₁.
     """
 
@@ -452,7 +452,7 @@ class _Work(NamedTuple):
 
 
 def _motions(pieces: list[_Piece], X: Array) -> Iterator[tuple[Array, Array | float]]:
-    """UX of each piece, X (n, k), and the sums of |U| over its rows: at once for those of a few rows, which many have."""
+    """UX of each piece, X (n, k), and the row sums of |U|. All pieces with a sparse U are computed at once."""
     few = [piece.U for piece in pieces if sp.issparse(piece.U)]
     whole = sp.csr_array(sp.vstack(few)) if few else X[:0].T
     moved, sums, start = whole @ X if few else X[:0], np.asarray(abs(whole).sum(axis=1)), 0
@@ -485,16 +485,16 @@ class _Sizes(NamedTuple):
         return found[0], found[1]
 
     def rates(self, value: complex, x: Array, y: Array) -> float:
-        """The sizes of the terms of yᴴP'x."""
+        """The sum of the absolute values of the terms of yᴴP'x."""
         return float(np.abs(y) @ (2 * abs(value) * (self.M @ np.abs(x)) + self.D @ np.abs(x)))
 
 
 def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexModes, k: int, nearest: int = 8) -> _Simple | None:
     """The derivatives of one λ of a sparse pencil by a symmetric factor from a rough left vector; None where it fails.
 
-    The bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, and is doubled for the
-    others: P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i). Those may move where the nearest do not. So each entry of x and y is taken
-    to have an error as large as the largest entry of that sum, too.
+    The error bar sums up errors of the vectors in the directions of the `nearest` modes and their conjugates, with
+    P⁻¹ ≈ Σ_i x_i y_iᴴ / ((λ - λ_i) y_iᴴP'x_i). It is doubled for all other modes. These may move DOF that the nearest modes do
+    not move. So each entry of x and y also gets an error as large as the largest entry of that sum.
     """
     value, x = complex(modes.eigenvalues[k]), modes.shapes[:, k]
     if modes.left is None or not value.imag:
@@ -535,14 +535,14 @@ def _light(pencil: Pencil, sizes: _Sizes, known: _Parameters, modes: ComplexMode
 
 
 def _between(values: Array, omega: float) -> float:
-    """The middle of the wider of the two gaps that an eigenfrequency has to the next of the others."""
+    """The middle of the wider gap between an eigenfrequency and its two neighbours."""
     size = np.unique(np.abs(values.imag))
     gaps = [(abs(other - abs(omega)), other) for other in (*size[size < abs(omega)][-1:], *size[size > abs(omega)][:1])]
     return (max(gaps)[1] + abs(omega)) / 2 if gaps else abs(omega)
 
 
 def _simple(pencil: Pencil, sizes: _Sizes, known: _Parameters, value: complex, x: Array, turns: int = 3) -> _Simple | None:
-    """The derivatives of one λ; None if it does not converge, as where it is not simple."""
+    """The derivatives of one λ; None if the iteration does not converge, as for a multiple λ."""
     start, y, real = value, x.conj(), np.imag(value) == 0
     with np.errstate(all="ignore"):
         for _ in range(turns):  # a new factor only if λ was poor
@@ -581,7 +581,7 @@ def _simple(pencil: Pencil, sizes: _Sizes, known: _Parameters, value: complex, x
 def _bordered(P: Matrix, solver: Any, rhs: Array, x: Array, own: Array, y: Array, left: Array, transposed: bool) -> Array:
     """The solution of P X = -rhs with yᴴP'X = 0, or of PᴴY = -rhs with YᴴP'x = 0, by a factor of P beside its λ.
 
-    The factor enlarges only the part of a solution along x (or y), which is taken out.
+    The factor amplifies only the part of a solution along x (or y), which is removed.
     """
     A = P.conj().T if transposed else P
     (null, out), (dual, into) = ((y, own), (x, left)) if transposed else ((x, left), (y, own))
@@ -600,7 +600,7 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
     """S and its derivatives by inverse iteration of a block on the companion form, from both sides; None if it fails."""
     lam, m = modes.eigenvalues[list(members)], max(len(members), 2)
     middle = complex(lam.mean())
-    # beside them: at a defective pair P⁻¹ would see one shape only. The others are so much farther that each turn gains a digit
+    # beside them: at a defective pair P⁻¹ would see one shape only. Other eigenvalues are so far that each turn gains a digit
     apart = np.abs(np.append(modes.eigenvalues, modes.eigenvalues.conj()) - middle)
     reach = np.abs(lam - middle).max()
     gap = float(apart[apart > 2 * reach + EPS**0.25 * abs(middle)].min(initial=abs(middle)))
@@ -612,7 +612,7 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
     M, D, K = unit * unit * pencil.M, unit * pencil.D, pencil.at(centre) - centre * centre * pencil.M - centre * pencil.D
     n, shapes = pencil.size, modes.shapes[:, list(members)]
     own = lam / unit
-    if len(members) == 1:  # its partner is not known
+    if len(members) == 1:  # the partner is not known
         random = np.random.default_rng(0).standard_normal((n, 1))
         shapes, own = np.hstack([shapes, random / np.linalg.norm(random)]), np.append(own, own)
     Z = np.vstack([shapes, shapes * own])
@@ -634,7 +634,7 @@ def _meeting(pencil: Pencil, known: _Parameters, members: tuple[int, ...], modes
             S = np.linalg.solve(N, P.conj().T @ XS - Q.conj().T @ (K @ X + D @ XS))
             now = np.array([np.trace(np.linalg.matrix_power(S, power)) for power in range(1, m + 1)])
             off, before = float(np.abs(now - before).max()), now
-            if off <= 64 * EPS * m:  # the shapes have half of its digits by then, and S_j has theirs
+            if off <= 64 * EPS * m:  # the shapes, and so S_j, have half as many digits by then
                 last = min(last, 3 * turn + 1)
             if turn >= last:
                 break

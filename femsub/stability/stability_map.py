@@ -1,4 +1,4 @@
-"""Stability over two parameters: how many modes grow at each point of a grid, and the borders between as curves."""
+"""Stability over two parameters: the number of growing modes at each point of a grid, and the borders as curves."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ log = logging.getLogger(__name__)
 
 
 class Spot(NamedTuple):
-    """A point at which the full model was solved: growing modes of the model and of the full one, and largest Re λ of both.
+    """A point at which the full model was solved: number of growing modes and largest Re λ of the model and of the full model.
 
-    `radius` is the model's own bound of its error, over |λ|; NaN if it has none. `agrees`: the numbers are the same, but for
-    modes that error bars leave undecided.
+    `radius` is the model's own bound of its error, over |λ|; NaN if it has none. `agrees` is True if the numbers are equal, apart
+    from modes that error bars leave undecided.
     """
 
     at: tuple[float, float]
@@ -59,26 +59,26 @@ class StabilityMap(Displayed):
     values : (ndarray of shape (m,), ndarray of shape (k,))
         Of the first and of the second parameter, ascending.
     number : ndarray of int, shape (m, k)
-        Modes in the band that certainly grow: pairs of eigenvalues, and real ones.
+        Number of modes in the band that certainly grow: pairs of eigenvalues, and real eigenvalues.
     growth, omega : ndarray, shape (m, k)
         The largest Re λ in the band, 1 per unit of time, and Im λ of that mode; -inf and NaN if the band is empty.
     undecided : ndarray of bool, shape (m, k)
         Where error bars, or the radii of a reduced model, leave undecided whether a mode grows. An undamped mode on the axis does
         not grow.
     radius : ndarray, shape (m, k)
-        The largest radius of a λ in the band, over |λ|, of a model that knows it; NaN of others.
+        The largest radius of a λ in the band, over |λ|; NaN if the model has no radii.
     borders : tuple of BorderLine
-        Where a mode begins to grow certainly. A line ends at the edge of the map, or where its mode leaves the band.
+        Curves beyond which a mode certainly grows. A line ends at the edge of the map, or where its mode leaves the band.
     spots : tuple of Spot
         The points at which the full model was solved.
     band : (lo, hi)
     solved : int
         Number of eigenproblems, those of borders included.
     cutoff : float
-        That of a reduced model, where no band was asked for: it ends the band. inf otherwise.
+        The cut-off of a reduced model if no band was given: the band ends there. Otherwise inf.
     evidence : str
-        That of a model of a whole box of parameters. 'not checked' of others: at each point all eigenvalues are known, between
-        the points nothing is.
+        The evidence of a `BoxModel`. For other models 'not checked': all eigenvalues are known at the points, but none between
+        them.
 
     Examples
     --------
@@ -108,7 +108,7 @@ class StabilityMap(Displayed):
         return stability_map_tables("map", self)
 
     def chart(self, title: str = "Stability", labels: Sequence[str] = ("", "")) -> Chart:
-        """The number of growing modes, and beside it the largest growth, with borders. `labels` are those of the axes."""
+        """The number of growing modes, and beside it the largest growth, with borders. `labels` are axis labels."""
         return stability_map_chart("map", {"": self}, title, labels)
 
     @property
@@ -133,16 +133,16 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
                   progress: Callable[[str], None] | None = None) -> StabilityMap:
     """How many modes grow over two parameters, and on which curves their number changes.
 
-    At each point of a grid all eigenvalues of a model of up to 300 DOF are computed at once, of a larger one those in the band. A
-    border is found on an edge of the grid between two points at which the numbers differ, or the modes that grow do, as a root of
-    the margin. A cell is halved where margins bend so much that a mode may cross within. This finds folds, and islands
-    that contain no grid point.
+    At each point of a grid, all eigenvalues are computed for a model of up to 300 DOF, and the eigenvalues in the band for a
+    larger model. A border crosses an edge of the grid if the number of growing modes differs at its ends, or if other modes grow
+    there. The place on the edge is a root of the margin. A cell is halved if the curvature of the margins allows a mode to cross
+    inside. This finds folds, and islands that contain no grid point.
 
     Parameters
     ----------
     model : Substructure or Affine
-        Full or reduced; of an `Affine`, other parameters than the two have values (`Affine.fixed`). A model of a whole box of
-        parameters gives the radius of each λ, which decides with the error bars what grows.
+        Full or reduced. All other parameters of an `Affine` must have values (`Affine.fixed`). A `BoxModel` gives the radius of
+        each λ. Radii and error bars together decide which modes grow.
     over : mapping of str to (lo, hi), or to an array of three values or more
         The two parameters: those of an `Affine`, or fields of the contacts, which change in all contacts that have them.
     contacts : Belt, LinearContact or another contact, or a sequence of them, optional
@@ -151,16 +151,16 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
         Only modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi, in radians per unit of time. Default: all, for a reduced model those up to
         its cut-off. Required for a sparse model above 2,000 DOF.
     points : (int, int)
-        Values of each parameter that is given as a range.
+        Number of values of each parameter that is given as a range.
     halvings : int
         How often a cell is halved at most.
     full : Substructure or Affine, optional
         The full model of a reduced one, with the same parameters. It is solved at some `spots`.
     spots : int
-        Points at which it is solved, a tenth of the map apart: where the radius is largest, or where a mode is nearest to the
-        axis if the model knows no radius.
+        Number of points at which the full model is solved, a tenth of the map apart: where the radius is largest, or where a mode
+        is nearest to the axis if the model has no radii.
     progress : callable, optional
-        Is called with a line of text as the work goes on.
+        Called with a line of text during the computation.
 
     Returns
     -------
@@ -169,13 +169,14 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     Raises
     ------
     InputError, InputTypeError
-        Not two parameters, an unknown one, others without a value, values outside the box of the model, less than two values.
+        Not two parameters; an unknown parameter; other parameters without a value; values outside the box of the model; fewer
+        than two values.
 
     Notes
     -----
-    The margin of a mode is Re λ. Of two undamped modes it is -(λ₁² - λ₂²)², which is analytic where they meet. Within a cell
-    the k-th largest margin exceeds its values at the corners by up to 1/8 of its second differences; with those, taken from the
-    grid, twice as much is allowed for. An island of less than a quarter of a cell may be missed.
+    The margin of a mode is Re λ. For two undamped modes it is -(λ₁² - λ₂²)², which is analytic where they meet. Within a cell
+    the k-th largest margin exceeds its values at the corners by up to 1/8 of its second differences. Twice this value is allowed
+    for, with second differences from the grid. An island of less than a quarter of a cell may be missed.
 
     References
     ----------
@@ -194,7 +195,7 @@ def stability_map(model: Substructure | Affine, over: Mapping[str, Any], *, cont
     # the question
     names = tuple(word("parameter", name) for name in mapping("over", over, "two parameters and their ranges"))
     if len(names) != 2:
-        raise InputError(f"a map is over two parameters, but over has {len(names)}. Give the others values before")
+        raise InputError(f"a map is over two parameters, but over has {len(names)}. Give values to all others first")
     at = pencils_of(model, contacts, names)
     counts = items("points", points, "two numbers of values")
     if len(counts) != 2:

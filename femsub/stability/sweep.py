@@ -37,7 +37,7 @@ class StabilitySweep(Displayed):
     band : (lo, hi)
         The band searched; for a reduced model it ends at the cut-off.
     cutoff : float
-        That of a reduced model, where no band was asked for. inf otherwise.
+        The cut-off of a reduced model if no band was given. Otherwise inf.
 
     Examples
     --------
@@ -83,11 +83,11 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     model, contacts, parameter
         As for `critical_value`.
     values : sequence of float
-        Of the parameter.
+        Values of the parameter.
     band : (lo, hi), optional
         Only modes with lo ≤ Im λ ≤ hi, in radians per unit of time. Default: all, for a reduced model up to its cut-off.
     workers : int, optional
-        So many processes share the values; see `reduce`. It pays where a value takes seconds: a process takes one to start.
+        Number of processes that share the values; see `reduce`. Useful if a value takes seconds: a process takes 1 s to start.
     executor : concurrent.futures.Executor, optional
         Takes the values one by one instead.
 
@@ -117,7 +117,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     p = np.atleast_1d(real_array("values", values))
     if p.ndim != 1 or p.size == 0:
         raise InputError("values must be a flat, non-empty sequence of finite numbers")
-    sign = -1.0 if p.sum() < 0 else 1.0  # of the values: a contact may refuse those of the other sign
+    sign = -1.0 if p.sum() < 0 else 1.0  # a contact may refuse values of the other sign
     question = question_of(model, contacts, parameter, (0.0, sign * np.inf), band)
     limits, pencil = question.band, question.over.at(p[0])
     growth, omega = np.empty(len(p)), np.empty(len(p))
@@ -139,7 +139,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         fast = fast if few else _fast(pencil, fed.W, c, limits[1])
         whole = few | (fast & (not pencil.is_sparse))
         form = modal_form(pencil.dense()) if whole.any() else None
-        whole &= form is not None  # massless motions have none
+        whole &= form is not None  # a model with massless motions has no modal form
         if form is not None:
             amplitude = form.shapes.T @ fed.W
             for i in np.flatnonzero(whole):
@@ -158,7 +158,7 @@ def sweep(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
 
 
 def _fast(pencil: Pencil, W: Array, c: Array, hi: float) -> Array:
-    """At which c (k,) there may be an eigenvalue with Re λ > hi and |Im λ| ≤ hi, bool (k,); at the others there is none.
+    """Whether there may be an eigenvalue with Re λ > hi and |Im λ| ≤ hi at each c (k,), bool (k,). False is certain.
 
     With m, d, k = xᴴMx, xᴴDx, xᴴKx of a growing shape, (m + Re d / Re λ) |λ|² + k = 0. Hence for a ≤ Re λ ≤ b, hi ≤ a, the
     matrix aM + D + cWWᵀ + K / 2b is not definite. One interval decides most slopes, several decide the rest.

@@ -5,8 +5,8 @@ Modes j at p and k at q are compared by the product of two overlaps,
     s_jk = y_jᴴ((λ_j + λ_k)M + D) x_k · y_kᴴ((λ_k + λ_j)M + D) x_j,   y_jᴴ(2λ_j M + D) x_j = 1,
 
 which no scaling of vectors changes. All modes at p and q together have Σ_k s_jk = 1 if M and D do not change: s is 1 for the same
-mode, 0 for another one, and 1/2 for both of a pair that meets in between, half a step away. It plays the part of the MAC, which
-knows right vectors alone and takes the two modes of a coalescence for one.
+mode, 0 for another mode, and 1/2 for both modes of a pair that meets in between, half a step away. s is used in place of the MAC,
+which knows right vectors alone and takes the two modes of a coalescence for one.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ log = logging.getLogger(__name__)
 
 SAME_MODE = 0.4  # |s - 1| up to which a mode is the same; a pair that meets in the step has 1/2 at least
 LEAST_ALIKE = (1 - SAME_MODE) / 2  # |s| from which a mode may be the same, where the step is not halved any more
-APPROACH = 0.6  # two modes are watched if they come nearer within a step than this share of their distance at its ends
+APPROACH = 0.6  # two modes approach if they come nearer within a step than this share of their distance at its ends
 TURN = np.pi / 3  # or if their distance turns by more in the complex plane (wrong successors turn it by π)
-PLACES = np.linspace(0.0, 1.0, 9)  # in a step, where an approach is looked for
+PLACES = np.linspace(0.0, 1.0, 9)  # places in a step at which an approach is sought
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,19 +51,19 @@ class Tracked(Displayed):
     ----------
     parameter : str
     values : ndarray, shape (p,)
-        All computed values, ascending: those asked for and those at which steps were halved.
+        All computed values, ascending: the requested values, and values at which steps were halved.
     asked : ndarray of bool, shape (p,)
-        Which were asked for.
+        True for requested values.
     eigenvalues : ndarray, shape (p, branches)
-        λ with Im λ ≥ 0; NaN where a branch is outside the band. Where a pair becomes two real eigenvalues, one of them has a
-        branch of its own, which holds the conjugate before.
+        λ with Im λ ≥ 0; NaN where a branch is outside the band. If a pair becomes two real eigenvalues, one of them has its own
+        branch, which holds the conjugate before.
     error_bar, condition : ndarray, shape (p, branches)
-        Of each λ, as in `ComplexModes`.
+        Error bar and condition number of each λ, as in `ComplexModes`.
     meetings : tuple of Meeting
         Ascending in value.
     band : (lo, hi)
     cutoff : float
-        That of a reduced model, where no band was asked for: it ends the band. inf otherwise.
+        The cut-off of a reduced model if no band was given: the band ends there. Otherwise inf.
 
     Examples
     --------
@@ -90,7 +90,7 @@ class Tracked(Displayed):
         return np.asarray(self.eigenvalues.real > self.error_bar)
 
     def tables(self) -> list[Table]:
-        """A row for each mode at each value that was asked for, which are not printed, and one for each meeting."""
+        """A row for each mode at each requested value (this table is not printed), and one for each meeting."""
         at, branch = np.nonzero(self.asked[:, None] & ~np.isnan(self.eigenvalues))
         chosen = self.eigenvalues[at, branch]
         branches = [{self.parameter: float(self.values[i]), "branch": int(j), "growth": float(value.real),
@@ -111,7 +111,7 @@ class Tracked(Displayed):
     def chart(self, title: str = "", crossings: Sequence[Crossing] = (), label: str = "") -> Chart:
         """The flutter diagram: Im λ, Re λ and the damping ratio in % over the parameter.
 
-        Coupled modes have one colour, others are grey. `crossings` are losses and regains that are known, as of `critical_value`.
+        Coupled modes have one colour, others are grey. `crossings` are known losses and regains, as from `critical_value`.
         `label` names the parameter with its unit.
         """
         return flutter_chart("flutter", {"": self}, {"": crossings}, label or f"{self.parameter}  [-]", title)
@@ -150,7 +150,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
         Modes with lo ≤ Im λ ≤ hi and |Re λ| ≤ hi somewhere in the range, in radians per unit of time. Default: all, for a reduced
         model those up to its cut-off. Required for models above 300 DOF.
     halvings : int
-        Of steps, at most. Each costs an eigenproblem.
+        The largest number of steps that are halved. Each costs an eigenproblem.
 
     Returns
     -------
@@ -164,18 +164,19 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     Warns
     -----
     FemsubWarning
-        More than `halvings` steps were to be halved; the rest was not.
+        The limit of `halvings` was reached, and further steps were not halved.
 
     Notes
     -----
-    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. Of a larger
+    Up to 300 DOF each value costs one decomposition by LAPACK, and steps are halved down to 1e-9 of the range. For a larger
     model whose contacts declare how they depend on the parameter, a small model over the whole range is made if more than 8
-    values are asked for (`ParameterBox`). It is taken if the number of modes is proved for the whole range. Its λ are within
-    about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small one. Else each
-    value is one search of `complex_modes` in the band with a factorisation of its own, since K changes. Steps are halved to
-    1e-3 of the range only: a veering narrower than that is taken for a crossing. Modes that meet and part again between two
-    values, without a trace in slopes and vectors at either, are missed; `critical_value` excludes that. Nor is a mode that
-    crosses the whole band between two values, and is in it at none.
+    values are requested (`ParameterBox`). It is used if the number of modes is proved for the whole range. Its λ are within
+    about 1e-6 |λ|; error bars are distances from λ of the full model, and condition numbers those of the small model. Otherwise
+    each value takes one search of `complex_modes` in the band with its own factorisation, since K changes. Steps are halved to
+    1e-3 of the range only: a veering narrower than that is taken for a crossing.
+
+    Modes that meet and separate again between two values are missed if slopes and vectors show no trace of this at either value;
+    `critical_value` excludes that. A mode that crosses the whole band between two values is missed, too.
 
     References
     ----------
@@ -200,9 +201,9 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     finest = (EQUAL if model.size <= WIDE else ASIDE) * (hi - lo)
     nodes, spent = _Nodes(question, len(points)), 0
     steps = np.union1d(points, question.over.kinks((lo, hi))).tolist()
-    last, still = nodes.at(steps[-1]), nodes.still  # both ends first: they show what passes 0 at the other one
+    last, still = nodes.at(steps[-1]), nodes.still  # both ends first: a λ = 0 at one end alone is no rigid motion
     here = nodes.at(steps[0])
-    label = np.arange(len(here.values))  # the number of each mode's branch; what has no predecessor is a new one
+    label = np.arange(len(here.values))  # the number of each mode's branch; a mode without predecessor is a new one
     count = len(label)
     rows = [(here.p, label, here.values, here.bar, here.condition, here.inside)]
     for end in steps[1:]:
@@ -223,7 +224,7 @@ def track(model: Substructure | Affine, contacts: Contacts, parameter: str, valu
     if spent >= halvings:
         warn(f"{spent} steps were halved, which is the limit: branches may have changed places. Allow more "
              "(halvings=), or track over a shorter range or in a narrower band", FemsubWarning)
-    # without branches that are the conjugate of another all along, or never in the band
+    # drop branches that are the conjugate of another one everywhere, or never in the band
     p = np.array([row[0] for row in rows])
     branches = np.unique(np.concatenate([row[1] for row in rows]))
     found = np.full((len(p), len(branches)), np.nan + 0j)
@@ -264,7 +265,7 @@ class _Node(NamedTuple):
 
 
 class _Nodes:
-    """The modes at values of the parameter; `still` is the least number of eigenvalues 0 so far: rigid motion over the range.
+    """The modes at values of the parameter. `still` is the least number of λ = 0 at any value so far, that of rigid motion.
 
     Modes are followed beyond the ends of the band by a share `beyond` of its width, so that none is lost at an edge.
     """
@@ -309,7 +310,7 @@ class _Nodes:
         heights = values.real + 1j * np.abs(values.imag)
         inside = in_band(heights, self.band, (-self.band[1], self.band[1]))
         cluster, Y = np.arange(len(values)), Y.astype(complex)
-        if len(zero) > 1:  # their vectors are arbitrary, and a pair that passes 0 without damping has one only
+        if len(zero) > 1:  # vectors of several λ = 0 are arbitrary, and a pair that passes 0 without damping has only one
             Y[:, values == 0] = np.nan
         with np.errstate(all="ignore"):
             slope = 2 * (pencil.M @ X) * values + pencil.D @ X
@@ -331,9 +332,10 @@ class _Nodes:
 
 
 def _small(question: LossQuestion, band: tuple[float, float], values: int) -> BoxModel | None:
-    """A small model over the whole range: the given one, or that of a large model of which many values are asked for.
+    """A small model over the whole range: the given model, or one made for a large model if many values are requested.
 
-    It takes as long as four to eight solutions, and a cell of its proof no longer than one. None where not all of it is proved.
+    Making it takes as long as solving at four to eight values, and each cell of its proof no longer than one. None if the proof
+    does not cover the whole range.
     """
     model, over, ends = question.model, question.over, question.between
     if isinstance(model, BoxModel):
@@ -343,7 +345,7 @@ def _small(question: LossQuestion, band: tuple[float, float], values: int) -> Bo
     why: object = "it is not proved for all values"
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FemsubWarning)  # of what is open: then it is not taken
+            warnings.simplefilter("ignore", FemsubWarning)  # of open cells: the model is then not used
             small = over_box(family, ParameterBox({question.parameter: ends}, band, cells=values))
         if small.evidence != NOT_CHECKED and small.error <= small.box.tol:
             return small
@@ -360,7 +362,7 @@ def _overlap(pencil: Pencil, left: _Node, right: _Node) -> Array:
 
 
 def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
-    """For each mode at p its successor at q or -1, and whether all of it is clear."""
+    """The successor at q of each mode at p, or -1, and whether all successors are clear."""
     with np.errstate(all="ignore"):
         s = _overlap(there.pencil, here, there) * _overlap(there.pencil, there, here).T
     s[~np.isfinite(s)] = 0.0
@@ -374,7 +376,7 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
         whole = (summed / np.minimum.outer(many, most))[np.ix_(row, column)]
     far, size = np.abs(here.values[:, None] - there.values), np.abs(here.values)[:, None]
     far = np.divide(far, size, out=np.ones_like(far), where=size > 0)
-    # vectors decide, and where they do not, what is at stake in λ
+    # vectors decide, and if they do not, the distance of λ
     cost = np.minimum(np.abs(whole - 1), 1.0) + 1e-3 * np.minimum(np.abs(s - 1), 1.0) + np.minimum(far, 1.0) / 2
     rows, columns = assigned(cost)
     taken = np.abs(whole[rows, columns]) >= LEAST_ALIKE
@@ -387,7 +389,7 @@ def _successors(here: _Node, there: _Node) -> tuple[Array, bool]:
     asked = here.inside.copy()
     asked[to >= 0] |= there.inside[to[to >= 0]]
     clear = bool(alike[asked].all()) and not (missed & there.inside).any() and not _meet(here, there, s, to, asked)
-    # what has no successor takes the nearest eigenvalue that is left: at an exceptional point vectors say nothing
+    # a mode without successor takes the nearest eigenvalue left: at an exceptional point vectors show nothing
     left, free = np.flatnonzero(to < 0), np.flatnonzero(missed)
     if len(left) and len(free):
         distance = np.abs(here.values[left, None] - there.values[free])
@@ -422,7 +424,7 @@ def _meet(here: _Node, there: _Node, s: Array, to: Array, asked: Array) -> bool:
 
 
 def _order_alike(here: _Node, there: _Node, s: Array, to: Array) -> None:
-    """Where vectors do not distinguish two successors, (λ_a - λ_b)² does: taken as linear over the step, its root is continuous.
+    """Decide between two successors that vectors do not distinguish: (λ_a - λ_b)² is taken as linear, and its root is continuous.
 
     If it passes 0 within rounding, the higher frequency continues as the larger growth, and the reverse.
     """
@@ -454,7 +456,7 @@ def _rank(values: Array) -> Array:
 
 
 def _turned(here: _Node, there: _Node, to: Array) -> _Node:
-    """The node with the vectors of each cluster of equal eigenvalues turned to those before, so that a crossing goes straight."""
+    """The node, in each cluster of equal λ with vectors turned to those of `here`, so that branches go straight on."""
     from_ = np.full(len(there.values), -1)
     from_[to[to >= 0]] = np.flatnonzero(to >= 0)
     X, Y = there.X.copy(), there.Y.copy()

@@ -1,14 +1,15 @@
-"""Error estimates, and how many modes a tolerance takes: of parts and of systems.
+"""Error estimates of parts and of systems, and the number of modes that a tolerance requires.
 
 In: the factor and the static shapes of each part. Out: the modes that are kept, and the `Estimate` of the model made of them.
 
-Each estimate takes four things, one file each:
+The files:
 
-- `found_modes`: the modes of a part that are found so far, and its static shapes. More are added, none computed again.
-- `nested`: the reference. It contains the reduced models of all numbers of modes, and shows how far each is from it, and how far
-  it may itself be from the full model.
-- `space` and `joined`: the reference of one part, and of parts that are joined.
-- `search`: the fewest modes that meet the tolerance, or more modes if none do.
+- `found_modes`: the modes of a part found so far, and its static shapes. Modes are added, never computed again.
+- `nested`: the reference. It contains the reduced models with any number of modes. It estimates their differences from the
+  reference, and the reference's own error against the full model.
+- `search`: the reference of one part (`Space`), and the fewest modes that meet the tolerance. More modes are computed if none do.
+- `joined`: the reference of joined parts (`JoinedSpace`), and the estimate of a system whose parts are reduced already.
+- `leaving_out`: rejects smaller models without solving them.
 
-Under friction the vectors of the system itself are the basis, see `femsub.reduction.vectors`.
+With friction, the basis consists of eigenvectors of the system itself, see `femsub.reduction.vectors`.
 """

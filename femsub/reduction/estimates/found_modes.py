@@ -1,4 +1,4 @@
-"""The modes of a part that are found so far, beside its static shapes. One factorisation; modes are added, never recomputed."""
+"""The modes of a part found so far, and its static shapes. There is one factorisation; modes are added, never recomputed."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class FoundModes:
 
     @property
     def spent(self) -> bool:
-        """Whether these are all modes, or as many as a large part gives: a quarter of DENSE take as long as all of DENSE."""
+        """Whether all modes are found, or DENSE/4 modes of a large part, which take as long as all modes of DENSE DOF."""
         return self.complete or (self.modes >= DENSE // 4 and self.statics.handle.K.shape[0] > DENSE)
 
     @property
     def most(self) -> int:
-        """The most modes that a model may have: where more exist, the highest one found is the cut-off."""
+        """The largest number of modes that a model may have. If more modes exist, the highest one found is the cut-off."""
         return self.modes - (not self.complete)
 
     def grow(self, count: int) -> None:
@@ -57,9 +57,9 @@ class FoundModes:
             self.replace(lowest_modes(handle, count, known=self.found, evidence=False))
 
     def reach(self, limit: float, times: float = np.inf) -> None:
-        """Compute modes until one lies above `limit`, at most so many times as many in one step.
+        """Compute modes until one lies above `limit`. One step increases their number by the factor `times` at most.
 
-        How many that takes is extrapolated from the modes found so far.
+        The number of modes for each step is extrapolated from the modes found so far.
         """
         while not self.complete and self.top <= limit:
             omega = self.found.elastic
@@ -74,7 +74,10 @@ class FoundModes:
         self.rest = self.statics.handle.deflate(self.rest, found.shapes)
 
     def counted_in(self, count: int) -> Kept | None:
-        """The modes kept, once the inertia counts them and the next one; None if one had been missed, which is then found."""
+        """The `count` kept modes, if an inertia count confirms them and the next mode.
+
+        None if a mode had been missed; it is then computed.
+        """
         found = self.found
         if found.tally.counted is None:
             found = lowest_modes(self.statics.handle, min(count + 1, self.all), known=found, defer=True)
@@ -84,7 +87,7 @@ class FoundModes:
         return Kept(found, count)
 
     def nested(self, further: Array | None = None) -> tuple[Nested, Span]:
-        """M, D and K in U = [C Φ Ξ], and U. Ξ has the static responses to further loads, too."""
+        """M, D and K in U = [C Φ Ξ], and U. Ξ includes the static responses to `further` loads (n_i, k)."""
         statics, found, loads, rest = self.statics, self.found, self.loads, self.rest
         if further is not None and further.shape[1]:
             loads = np.hstack([loads, further])
@@ -105,9 +108,9 @@ class FoundModes:
         return replace(plain, D=(D + D.T) / 2 if symmetric else D, symmetric=symmetric), span
 
     def residuals(self, span: Span, sides: list[tuple[Array, Array, bool]]) -> Array:
-        """Loads that span the residuals (λ²MΞx + λDUx)/|λ| of λ and x in U, of the transposed pencil for left vectors.
+        """Loads that span the residuals (λ²MΞx + λDUx)/|λ| of eigenpairs λ, x in U; for left vectors, of the transposed pencil.
 
-        Their parts in MΦ, F and MC are left out: U already contains K⁻¹ times these.
+        The terms in MΦ, F and MC are left out: U already contains K⁻¹ times these loads.
         """
         assert self.pencil is not None
         blocks = []

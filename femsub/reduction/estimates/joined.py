@@ -1,7 +1,7 @@
-"""Error estimates of joined parts: one `Nested` for the whole system, from the factors that the reductions of its parts keep.
+"""Error estimates of joined parts: one `Nested` for the whole system, from the factors of its parts.
 
-With all interfaces held, the modes of a system are those of its parts. In U = [C Φ Ξ], C the joined constraint modes and Φ, Ξ
-those of all parts, the system is therefore a component as `nested` knows it. Nothing of the whole is factorised.
+With all interfaces held, the modes of a system are those of its parts. U = [C Φ Ξ] holds the joined constraint modes C, and Φ
+and Ξ of all parts. In these coordinates `nested` treats the system as one component. No matrix of the whole system is factorised.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from femsub.reduction.estimates.found_modes import FoundModes, Span
 from femsub.reduction.estimates.nested import JOINED_RESIDUAL, Nested
 from femsub.reduction.estimates.search import Goal, ReferenceModel, Space
 
-ENOUGH = 0.3  # of an error that is judged, or of the tolerance: the largest model, the standard of comparison, may have as much
+ENOUGH = 0.3  # the error of the largest model may be this share of the error of a model judged by it, or of the tolerance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -42,12 +42,12 @@ class Image(Substructure):
 
     @property
     def interface_numbers(self) -> Array:
-        """Those of the part itself."""
+        """The interface numbers of the part itself."""
         return self.part.interface_numbers
 
 
 class JoinedSpace(Space):
-    """The modes of all parts that are reduced; the other parts stand as they are."""
+    """The modes found so far of all parts that are reduced; the other parts keep all their DOF."""
 
     def __init__(self, system: System, statics: Mapping[str, Statics], contacts: Contacts = None,
                  top: float = np.inf, given: Mapping[str, int] = MappingProxyType({})) -> None:
@@ -55,7 +55,7 @@ class JoinedSpace(Space):
         self.damped, self.symmetric = pencil.norms[1] > 0, pencil.symmetric[1]
         self.all = damped_parts(system, contacts)
         whole = {name: part.size for name, part in system.parts.items() if name not in statics}
-        most = QUADRATIC if self.damped else DENSE  # λ of all of them is computed by LAPACK
+        most = QUADRATIC if self.damped else DENSE  # LAPACK computes the λ of all these DOF
         if sum(whole.values()) > most:
             raise InputError(f"no estimate is possible for {system.name!r}: its parts that are not reduced have "
                              f"{sum(whole.values())} DOF, {max(whole, key=lambda name: whole[name])!r} most of them, and at most "
@@ -65,7 +65,7 @@ class JoinedSpace(Space):
                                                            for name, one in statics.items()}, top, given)
 
     def growth(self, reference: Nested, best: Estimate) -> float:
-        """As the parts differ, nothing is extrapolated."""
+        """A constant factor: the decrease of the error is not extrapolated, since the parts differ."""
         return 2.0
 
     def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> ReferenceModel:
@@ -80,7 +80,7 @@ class JoinedSpace(Space):
             if moved[later].any():
                 raise InputError(f"no estimate is possible for {self.system.name!r}: a spring or damper acts on a port inside "
                                  f"{name!r}. Put that port's DOF into the interface")
-            inner = L[later].indices  # one each: no joint reaches them
+            inner = L[later].indices  # one coordinate of the system each: no joint acts on them
             modes.append(inner[:nested.modes])
             rests.append(inner[nested.modes:])
         within = np.concatenate([*modes, *rests])
@@ -89,8 +89,8 @@ class JoinedSpace(Space):
         M, K, D = (A[np.ix_(order, order)] for A in (dense.M, dense.K, dense.D))
         turns = {name: L[rows[name]].toarray()[:, order] for name in own}
         motion = motion_of(joined.rigid_motion)
-        # a diagonal R with |xᵀEx| ≤ xᵀRx for every E whose entries are at most EPS times those of K. So much is lost where a
-        # stiff part that floats meets a soft one: in the sums of their stiffnesses, and in its rigid motion
+        # a diagonal R with |xᵀEx| ≤ xᵀRx for every E whose entries are at most EPS times those of K. R matters if a floating
+        # stiff part meets a soft one: rounding then affects the sum of their stiffnesses and the rigid motion of the stiff part
         bare, size = K.diagonal()[:count], np.abs(K[:count, :count])
         unit = np.sqrt(np.where(bare > 0, bare, 1.0))
         rounding = np.diag(EPS * unit * (size @ (1 / unit)))
@@ -119,7 +119,7 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
     Raises
     ------
     InputError
-        A contact between parts, or one with stiffness.
+        A contact acts between parts, or adds stiffness.
     """
     found = dict(system.parts)
     for contact in contacts_of(contacts):
@@ -138,12 +138,12 @@ def damped_parts(system: System, contacts: Contacts) -> dict[str, Substructure]:
 
 def system_estimate(full: System, rom: System, band: tuple[float, float], contacts: Contacts = None, *,
                     tol: float = 0.01) -> Estimate:
-    """What the reductions of all parts together cost a system: the errors of its ω and λ in a band, without its full solution.
+    """Errors of ω and λ of a system in a band, caused by the reductions of all its parts, without solving the full system.
 
-    The parts may be reduced by any method. All ω of the full system lie between two sets: those of a larger model whose
-    interfaces are held, with more modes and static shapes, from above, and those of `Nested.bounds` from below. Both come from
-    the factors of the parts with held interfaces, which Craig-Bampton and Hurty have made already. The figures of ω are
-    therefore bounds of the errors. Those of λ are estimates of first order (`Nested.doubt`).
+    The parts may be reduced by any method. Each ω of the full system has an upper and a lower bound. A larger model, with more
+    modes and static shapes for held interfaces, gives the upper bound; `Nested.bounds` gives the lower one. Both need the factors
+    of the parts with held interfaces, which Craig-Bampton and Hurty have made already. The errors of ω are therefore bounds. The
+    errors of λ are estimates of first order (`Nested.doubt`).
 
     Parameters
     ----------
@@ -154,9 +154,9 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     band : (lo, hi)
         Radians per unit of time.
     contacts : Belt or another contact, or a sequence of them, optional
-        Those under which λ is judged: they add to D, each on one part. Without damping and contacts there are no figures of λ.
+        Contacts under which λ is judged. They add to D, each on one part. Without damping and contacts, no errors of λ are given.
     tol : float
-        What ``.met`` compares with.
+        The relative error that ``.met`` allows.
 
     Returns
     -------
@@ -165,8 +165,8 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
     Raises
     ------
     InputError, InputTypeError
-        Systems of different parts, or the same; a part that its interface does not hold; a spring on a port inside a part; full
-        parts with more than 3,000 DOF in total; a contact with stiffness, or between parts.
+        The systems have different parts, or are the same; a part is not held by its interface; a spring acts on a port inside a
+        part; full parts have more than 3,000 DOF in total; a contact adds stiffness, or acts between parts.
 
     Examples
     --------
@@ -185,8 +185,8 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
         one, other = full.parts.get(name), rom.parts.get(name)
         size = other.V.shape[0] if isinstance(other, ReducedSubstructure) else getattr(other, "size", 0)
         if one is None or size != (one.V.shape[0] if one is other and isinstance(one, ReducedSubstructure) else one.size):
-            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is no part of both, or has another "
-                             "size")
+            raise InputError(f"{rom.name!r} is not {full.name!r} with reduced parts: {name!r} is missing in one of them, or its "
+                             "size differs")
         if one is not other:
             parts[name] = one
     statics = {name: held_statics(part) for name, part in parts.items() if len(part.interior)}
@@ -218,7 +218,7 @@ def system_estimate(full: System, rom: System, band: tuple[float, float], contac
 
 
 def _sharp(largest: Estimate, judged: Estimate) -> bool:
-    """Whether the model that is compared with is so good that what it lacks decides no figure."""
+    """Whether the truncation error of the largest model is negligible beside every error of the judged model."""
     if len(largest.frequencies) != len(judged.frequencies) or largest.unmatched:
         return judged.unmatched > 0
     # errors below a thousandth of the tolerance need not be known to two digits

@@ -1,12 +1,13 @@
-"""Which smaller models cannot meet a tolerance, known without solving them.
+"""Finds smaller models that cannot meet a tolerance, without solving them.
 
-A model without some modes of a larger one is that model under as many conditions Nᵀx = 0. Of the larger one all eigenpairs are
-known. Below λ = ω² the smaller one has as many of its own as the larger one, less the number of negative eigenvalues of
+A smaller model is the larger model under constraints Nᵀx = 0, one for each mode left out. All eigenpairs of the larger model are
+known. The number of eigenvalues of the smaller model below λ = ω² is that of the larger model, minus the number of negative
+eigenvalues of
 
     G(λ) = Nᵀ(K - λM)⁻¹N = Σ_k (φ_kᵀN)ᵀ(φ_kᵀN) / (ω_k² - λ).
 
-This follows from Sylvester's law of inertia. One number of modes for each part is tried at a time, so that a system in many
-parts would be solved at least once for each of them. G is as small as the number of modes left out.
+This follows from Sylvester's law of inertia. The search changes the number of modes of one part at a time. Without this test, a
+system of many parts would be solved at least once for each part. The size of G is the number of modes left out.
 
 References
 ----------
@@ -27,14 +28,14 @@ from femsub.reduction.estimates.nested import MARGIN, Nested
 
 @dataclass(frozen=True, eq=False)
 class LeavingOut:
-    """A model with `counts` modes of each part, and up to which ω each mode of a smaller one may be.
+    """A model with `counts` modes of each part, and the highest ω that each mode of a smaller model may have.
 
     Attributes
     ----------
     inverse : ndarray, shape (r,)
         1/ω² of the model. Rigid-body motion counts as vibration at twice the limit.
     shapes : ndarray, shape (r, r)
-        By columns, of unit elastic energy.
+        Mode shapes as columns, of unit elastic energy.
     static : ndarray, shape (R, s)
         The static shapes of the model in the coordinates of the reference.
     most : ndarray, shape (k,)
@@ -51,7 +52,7 @@ class LeavingOut:
 
     @classmethod
     def of(cls, nested: Nested, counts: Array, goal: Estimate) -> LeavingOut | None:
-        """None where nothing is known in this way."""
+        """None if the test is not possible: without a limit, without an interface, or if K is not positive definite."""
         if not np.isfinite(nested.limit) or not nested.constraint:
             return None
         T, M, K = nested.model(counts)
@@ -69,15 +70,15 @@ class LeavingOut:
     def may_meet(self, counts: Array) -> bool:
         """False if some ω of a model with fewer modes is certainly too high.
 
-        In such a model Nᵀx = 0, with N (r, l) the K w of directions w that are K-orthogonal to it. A mode that is left out stays
-        in the static shapes S by its share: w = φ + Sβ.
+        The smaller model has Nᵀx = 0. The columns of N (r, l) are K w for directions w that are K-orthogonal to the smaller
+        model. Its static shapes still represent a part of a mode φ that it leaves out. Therefore w = φ + Sβ.
         """
         if not len(self.most):
             return True
         nested, first = self.nested, self.nested.rest.start - self.nested.modes
         held = nested.held(self.counts)
         left = np.flatnonzero(held & ~nested.held(counts))
-        stiffness = nested.K.diagonal()[:, None]  # of Φ and Ξ: nothing else moves
+        stiffness = nested.K.diagonal()[:, None]  # of Φ and Ξ: w has no other components
         W = np.zeros((len(nested.M), len(left)))
         W[first + left, np.arange(len(left))] = 1.0
         if nested.loads.shape[1]:

@@ -2,7 +2,7 @@
 
 Everything here is dense and small. `Nested` holds M, D and K in coordinates U = [C Φ Ξ]. They contain the reduced model of
 every size up to the number of modes in Φ. Ξ = (I - ΦΦᵀM)K⁻¹[…] adds the static responses to the residuals of the largest one.
-Joined parts are a component whose modes with the interface fixed are those of the parts, each with a number of its own.
+Joined parts form one component: its fixed-interface modes are those of the parts, and each part has its own number of modes.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from femsub.model import SHARE, Estimate, Pencil, RigidMotion, Substructure, bey
 from femsub.modes import all_modes, energy_directions, match, motion_of, region_of, search, solve
 
 FAR = 2.0  # relative distance |Δλ| / |λ| above which two eigenvalues are not compared
-Count: TypeAlias = "int | Array"  # of modes; of joined parts one number each
+Count: TypeAlias = "int | Array"  # number of modes; for joined parts one number for each part
 Solution: TypeAlias = tuple[Array, Array, Array, Array, Array]  # of a damped model, see `Nested.damped`
-# residual of modes of these small matrices. Where parts are joined their ω² span up to 12 decades; ω is wrong by much less
+# accepted residual of modes of these small matrices: ω² of joined parts span up to 12 decades; the error of ω is much smaller
 JOINED_RESIDUAL = 1e-7
 MARGIN = 1.01  # safety factor on each estimate: with all modes the estimate is the error itself, and rounding could undercut it
 
@@ -37,13 +37,13 @@ class Nested:
 
     CᵀK[Φ Ξ] = 0, ΦᵀKΦ = diag(values), ΦᵀMΞ = ΦᵀKΞ = 0, ΞᵀKΞ diagonal. `loads` = UᵀF (R, s) are the forces whose static
     response belongs to every reduced model. All K⁻¹F and, for C, all K⁻¹MC lie in the span of U. D is None without damping.
-    `rounding` (n_c, n_c) bounds the rounding error of CᵀKC, which is large where stiff springs meet a soft interface. Mass
-    per stiffness below `lightest` times that of the modes counts as none (see `static_shapes.lightest`).
+    `rounding` (n_c, n_c) bounds the rounding error of CᵀKC, which is large where stiff springs meet a soft interface. A static
+    shape counts as massless if its mass per stiffness is below `lightest` times that of the modes (`static_shapes.lightest`).
 
-    Of joined parts, `parts` are the numbers of elastic modes and of columns of Ξ of each part, in whose order Φ and Ξ stand.
-    A `count` of modes is then one number for each part. ω and |λ| above `limit` are not looked for, where that saves time.
-    `motion` is the rigid motion, in C and the rigid-body modes, where the component knows it. A band is to end below the `share`
-    of the cut-off.
+    For joined parts, `parts` holds the numbers of elastic modes and of columns of Ξ of each part, in the order of Φ and Ξ.
+    A `count` of modes is then one number for each part. ω and |λ| above `limit` are not computed if that saves time.
+    `motion` is the rigid motion in the coordinates of C and the rigid-body modes, if the component carries it. A band must end
+    below `share` times the cut-off.
     """
 
     M: Array
@@ -63,7 +63,7 @@ class Nested:
 
     @classmethod
     def whole(cls, sub: Substructure, pencil: Pencil | None) -> Nested:
-        """That of a component which keeps all of its DOF: nothing is left out. `pencil` has its damping."""
+        """The reference of a component that keeps all of its DOF. `pencil` has its damping."""
         dense, none = (pencil or sub.pencil).dense(), np.zeros((sub.size, 0))
         return cls(dense.M, dense.K, None if pencil is None else dense.D, sub.size, 0, none[0], none, np.zeros(dense.K.shape),
                    pencil is None or pencil.symmetric[1], motion=motion_of((pencil or sub).rigid_motion))
@@ -74,7 +74,7 @@ class Nested:
 
     @cached_property
     def most(self) -> Array:
-        """All modes: how many each part has."""
+        """The number of all modes of each part."""
         return np.array([modes for modes, _ in self.parts] or [self.modes])
 
     @cached_property
@@ -89,7 +89,7 @@ class Nested:
         return [slice(int(a), int(b)) for a, b in pairwise(ends)] or [self.rest]
 
     def held(self, count: Count) -> Array:
-        """Which elastic modes a model with `count` modes holds: the lowest of each part, bool (modes,)."""
+        """Which elastic modes a model with `count` modes keeps: the lowest of each part, bool (modes,)."""
         rank = np.arange(self.modes) - np.append(0, np.cumsum(self.most))[self._owner]
         return rank < np.atleast_1d(count)[self._owner]
 
@@ -110,7 +110,7 @@ class Nested:
 
     @cached_property
     def tops(self) -> Array:
-        """The highest ω² known of each part; inf where nothing with mass is left out, or no mode is known."""
+        """The highest known ω² of each part; inf if no shape with mass is left out, or if no mode is known."""
         mass, found = self.M.diagonal(), np.full(len(self.most), np.inf)
         for at, group in enumerate(self._groups):
             mine = self.values[self._owner == at]
@@ -129,9 +129,9 @@ class Nested:
         return np.hstack([np.eye(len(self.M))[:, np.append(np.arange(self._first), kept)], self.static(count)[0]])
 
     def static(self, count: Count) -> tuple[Array, Array, Array]:
-        """The static shapes (R, s) beside `count` modes, orthogonal, with their stiffness and mass, which is 1 or exactly 0.
+        """The static shapes (R, s) of the model with `count` modes, orthogonal, with their stiffness and mass (1 or exactly 0).
 
-        They are those of F, Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² of the modes left out, but for dependent ones.
+        They are responses to F: Ξ(ΞᵀKΞ)⁻¹ΞᵀF plus φ_k (φ_kᵀF)/ω_k² for each mode left out. Dependent shapes are dropped.
         """
         first, holds = self._first, self.held(count)
         kept, left = first + np.flatnonzero(holds), first + np.flatnonzero(~holds)
@@ -175,7 +175,7 @@ class Nested:
         T, M, K = self.model(count)
         omega, shapes = self.lowest(M, K)
         q = T[:self.constraint] @ shapes
-        solver = EPS * omega**3 / omega[:1] ** 2  # of 1/ω², each has the error of the largest
+        solver = EPS * omega**3 / omega[:1] ** 2  # each 1/ω² has the rounding error of the largest
         return omega, np.einsum("ij,ij->j", q, self.rounding @ q) / (2 * omega) + solver
 
     def lowest(self, M: Array, K: Array) -> tuple[Array, Array]:
@@ -187,24 +187,24 @@ class Nested:
             with suppress(la.LinAlgError):
                 inverse, shapes = la.eigh(*self.pencil_up_to_limit(M, K), check_finite=False,
                                           subset_by_value=(self.limit**-2, np.inf))
-                return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK has them of unit energy
+                return inverse[::-1] ** -0.5, (shapes * inverse**-0.5)[:, ::-1]  # LAPACK's shapes have unit energy
         found = all_modes(K, M, JOINED_RESIDUAL, self._carried(len(K)))
         return found.elastic, found.shapes[:, found.rigid:]
 
     def pencil_up_to_limit(self, M: Array, K: Array) -> tuple[Array, Array]:
-        """M and K with rigid motion at twice the limit, so that K is positive definite. The first coordinates are C."""
+        """M, and K with rigid motion moved to ω = 2 limit, so that K is positive definite. The first coordinates are C."""
         held = M[:, :self.constraint] @ self._rigid
         return M, K + (2 * self.limit) ** 2 * (held @ held.T)
 
     def _carried(self, size: int) -> RigidMotion | None:
-        """The rigid motion in coordinates of which the first are C and the rigid-body modes."""
+        """The rigid motion in `size` coordinates; the first ones are C and the rigid-body modes."""
         if self.motion is None:
             return None
         return RigidMotion(np.pad(self.motion.shapes[:self._first], ((0, size - self._first), (0, 0))), self.motion.free)
 
     @cached_property
     def _rounding(self) -> Array:
-        """`rounding` without rigid motion that is known: it has no stiffness, and no rounding of one."""
+        """`rounding` without `motion`: rigid motion has stiffness 0 without a rounding error."""
         if self.motion is None:
             return self.rounding
         bare = self.K.diagonal()[:self.constraint]
@@ -212,14 +212,14 @@ class Nested:
 
     @cached_property
     def _rigid(self) -> Array:
-        """Rigid-body modes in C (n_c, n_r), ZᵀMZ = I: of joined parts they have no other coordinates."""
+        """Rigid-body modes Z in C (n_c, n_r), ZᵀMZ = I. For joined parts they have no other coordinates."""
         part = slice(0, self.constraint)
         Z = self.at_rest.shapes[part]
         return Z @ np.linalg.inv(np.linalg.cholesky(Z.T @ self.M[part, part] @ Z)).T if Z.size else Z
 
     @cached_property
     def at_rest(self) -> RigidMotion:
-        """`motion`, or where the component does not know it, what all modes have of it."""
+        """`motion`, or if it is None the rigid motion found from M and K in [C Φ]."""
         if self.motion is not None:
             return self.motion
         kept = self._first + self.modes
@@ -237,15 +237,15 @@ class Nested:
         """Lower bounds of the component's elastic frequencies, ascending. Only those below the cut-off are meaningful.
 
         The component's ω² are the λ at which S(λ) = K_r - λM_r - λ² B(Ω² - λ)⁻¹Bᵀ is singular. Here K_r and M_r belong to
-        [C Φ], Ω² ≥ θ_c to the modes left out, and B = CᵀMΦ_left is their coupling. Of joined parts each adds such a term, with
-        a θ_c of its own. For λ < θ_c
+        [C Φ], Ω² ≥ θ_c to the modes left out, and B = CᵀMΦ_left is their coupling. Each of joined parts adds such a term with
+        its own θ_c. For λ < θ_c
 
             B(Ω² - λ)⁻¹Bᵀ ≤ G₀ + λG₁ / (1 - λ/θ_c),   G₀ = BΩ⁻²Bᵀ = ZᵀK⁻¹Z, G₁ = BΩ⁻⁴Bᵀ = ZᵀK⁻¹MK⁻¹Z,
 
         where Z is MC without the contribution of the kept modes, and K⁻¹ that of the interior. With the right-hand side
         inserted, S has at least as many negative eigenvalues, hence its roots are not larger (Sylvester's law of inertia,
-        as in the bounds of Lehmann and of Kato). The right-hand side is that of substitute modes: some at θ_c with
-        BBᵀ = θ_c²G₁, others at infinity with G₀ - θ_cG₁. The bounds are the eigenvalues of one symmetric eigenproblem.
+        as in the bounds of Lehmann and of Kato). Substitute modes have exactly this right-hand side: some at θ_c with
+        BBᵀ = θ_c²G₁, others at infinity with G₀ - θ_cG₁. The bounds follow from one symmetric eigenproblem.
 
         References
         ----------
@@ -278,7 +278,8 @@ class Nested:
     def _substitutes(self) -> tuple[Matrix, Array]:
         """The substitute modes of `bounds`: their coupling with C, scaled by stiffness, sparse (s, n_c), and their 1/ω² (s,).
 
-        Those of each part at θ_c come first, then those at infinity. Ξ is orthogonal in M and K, so one column is one of each.
+        The modes at θ_c of all parts come first, then the modes at infinity. Ξ is orthogonal in M and K, so each column of Ξ
+        gives one mode of each kind.
         """
         top = np.concatenate([np.full(group.stop - group.start, value)
                               for group, value in zip(self._groups, self.tops, strict=True)])
@@ -292,18 +293,19 @@ class Nested:
         return sp.csr_array(sp.diags_array(weight[felt]) @ sp.vstack([coupling, coupling], format="csr")[felt]), below[felt]
 
     def _bounds_of_band(self, S: Matrix, below: Array) -> Array | None:
-        """The `bounds` below 0.6 times the limit at least, which is beyond the band.
+        """The `bounds` up to at least 0.6 times the limit, which is beyond the band.
 
-        None where there is no limit, or [C Φ] has other rigid motion than C.
+        None if there is no limit, or if there are rigid-body modes outside C.
 
-        With the substitute modes among the modes, E their coupling with C scaled by stiffness and d their 1/ω², the bounds are
-        the 1/θ of the eigenvalues θ of
+        Take Φ and the substitute modes together. E is their coupling with C scaled by stiffness, and d their 1/ω². The bounds are
+        θ^(-1/2) for the eigenvalues θ of
 
             [ R⁻¹MR⁻ᵀ   R⁻¹Eᵀ   ]
             [ ER⁻ᵀ      diag(d) ] - vvᵀ,   RRᵀ = K + (2 limit)² MZ(MZ)ᵀ,   v = [R⁻¹MZ; EZ],
 
-        M, K and the rigid motion Z in C alone. So no mode of [C Φ] is needed. Those below λ are as many as the negative
-        eigenvalues of 1 - λd and of K - λM - λ² Eᵀ(1 - λd)⁻¹E, less the rigid ones. Lanczos must find as many.
+        M, K and the rigid motion Z belong to C alone. So no mode of [C Φ] is needed. The number of bounds below ω = √λ is the
+        number of negative eigenvalues of 1 - λd and of K - λM - λ² Eᵀ(1 - λd)⁻¹E, minus the number of rigid-body modes. Lanczos
+        must find the same number.
         """
         if not np.isfinite(self.limit) or self.rigid:
             return None
@@ -341,7 +343,7 @@ class Nested:
 
     @cached_property
     def reference(self) -> tuple[Array, Array]:
-        """λ of the model in all coordinates U with Im λ ≥ 0, without rigid-body ones, and the rounding error of each."""
+        """λ of the model in all coordinates U with Im λ ≥ 0, without rigid-body eigenvalues, and the rounding error of each λ."""
         return self._solved(None)[:2]
 
     def damped(self, count: Count) -> Solution:
@@ -350,11 +352,11 @@ class Nested:
 
     @cached_property
     def _of_all_modes(self) -> Solution:
-        """`damped` of the largest model, which is asked for more than once."""
+        """`damped` of the largest model, stored since it is needed more than once."""
         return self._solved(self.basis(self.most))
 
     def _solved(self, T: Array | None) -> Solution:
-        """All of TᵀP(λ)T with Im λ ≥ 0 that are not rigid, in ascending |λ|, up to the limit; None stands for the identity."""
+        """`damped` for TᵀP(λ)T: eigenpairs in ascending |λ| up to the limit, without rigid motion. None: T is the identity."""
         assert self.D is not None
         M, K, D = (self.M, self.K, self.D) if T is None else (*self.projected(T), T.T @ self.D @ T)
         pencil = Pencil(M, (D + D.T) / 2 if self.symmetric else D, K)
@@ -383,8 +385,8 @@ class Nested:
     def doubt(self) -> tuple[Array, Array]:
         """λ of the largest reduced model, and a bound of the reference's error near each.
 
-        With r = P(λ)Vq and s = P(λ)ᴴVz the component's λ differs by sᴴ P_l(λ)⁻¹ r / (zᴴP'q) to first order. P_l acts in
-        the modes left out; the residuals of Craig-Bampton and Craig-Chang have no other part. U holds K⁻¹r and K⁻¹s, so
+        With r = P(λ)Vq and s = P(λ)ᴴVz the component's λ differs by sᴴ P_l(λ)⁻¹ r / (zᴴP'q) to first order. P_l is P in the
+        modes left out; the residuals of Craig-Bampton and Craig-Chang act on these modes only. U contains K⁻¹r and K⁻¹s, so
         the reference contains the first two terms of
 
             P_l⁻¹ = K_l⁻¹ - K_l⁻¹(λ²M + λD)K_l⁻¹ + …
@@ -417,9 +419,9 @@ class Nested:
 
     def judged(self, omega: Array, rounding: Array, found: tuple[Array, Array] | None, band: tuple[float, float],
                tol: float) -> Estimate:
-        """The error estimate of any reduced model, from its ω without rigid-body ones, its λ, and the rounding of each.
+        """The error estimate of any reduced model, from its elastic ω, its λ (`found`), and the rounding of each.
 
-        The component's ω lie between `bounds` and those of the largest model here, whatever the reduced model is.
+        The component's ω lie between `bounds` and the ω of the largest model here. This does not depend on the reduced model.
         """
         low, high = self.bounds, self.largest[0]
         known = min(len(omega), len(low), len(high))
@@ -456,9 +458,10 @@ class Nested:
 
 def compared(exact: Array, found: Array, band: tuple[float, float],
              wanted: Array) -> tuple[Array, Array, Array, Array, int]:
-    """λ of a model matched with those of its reference, of which some are wanted in the band.
+    """Pairs of λ of a model, `found`, and of its reference, `exact`. `wanted` marks the λ of the reference that count.
 
-    Places in both and the distance of each pair, which pairs the band concerns, and how many λ in it have no partner.
+    Returns the indices in `exact` and in `found` and the distance of each pair, whether a pair counts for the band, and the
+    number of λ that count but have no partner.
     """
     at, to = match(exact, found, far=FAR)
     distance, present = np.abs(found[to] - exact[at]), within(found, band)
@@ -467,7 +470,7 @@ def compared(exact: Array, found: Array, band: tuple[float, float],
 
 
 def _solved(R: Array, b: Array) -> Array:
-    """R⁻¹b of a lower triangle."""
+    """R⁻¹b for a lower triangular R."""
     x: Array = la.solve_triangular(R, b, lower=True, check_finite=False)
     return x
 

@@ -1,8 +1,8 @@
-"""The fewest modes with which a model meets a tolerance, of one part or of joined ones.
+"""The fewest modes with which a model of one part, or of joined parts, meets a tolerance.
 
-A reference contains the models of all numbers of modes, and estimates the error of each. More modes are computed until the
-largest of these models meets the tolerance. The first model tried for joined parts follows from the amplitudes of their modes:
-leaving out the mode j of a part raises the system's frequency ω_i, to first order and relatively, by
+A reference contains the reduced models with any number of modes, and estimates the error of each. More modes are computed until
+the largest of these models meets the tolerance. The first model tried for joined parts follows from the amplitudes of their
+modes: leaving out the mode j of a part raises the system's frequency ω_i, to first order and relatively, by
 
     η_ij² (θ_j - ω_i²) / (2ω_i²),
 
@@ -31,7 +31,7 @@ Best: TypeAlias = tuple[Array, Estimate]  # numbers of modes, one for each part,
 
 @dataclass(frozen=True)
 class Goal:
-    """What a model is to be within."""
+    """The band, and the largest relative error of a model in it."""
 
     band: tuple[float, float]
     tol: float
@@ -43,12 +43,12 @@ class Goal:
 
 
 class Space:
-    """The modes of one part found so far, and the reference that they make. `JoinedSpace` is that of a system.
+    """The modes of one part found so far, and the reference made of them. `JoinedSpace` is the subclass for a system.
 
-    ω and |λ| beyond twice `top` are not looked for, where that saves time. `given` numbers of modes are not chosen.
+    ω and |λ| beyond twice `top` are not computed if that saves time. `given` holds the numbers of modes that are prescribed.
     """
 
-    enough = 1.0  #: share of the tolerance that the largest model is to be within before one is chosen
+    enough = 1.0  #: the error of the largest model must be below this share of the tolerance before a smaller model is chosen
 
     def __init__(self, name: str, parts: Mapping[str, FoundModes], top: float = np.inf,
                  given: Mapping[str, int] = MappingProxyType({})) -> None:
@@ -59,7 +59,7 @@ class Space:
 
     @classmethod
     def of(cls, statics: Statics, pencil: Pencil | None, top: float) -> Space:
-        """That of one part; `pencil` has the damping for which λ must be within the tolerance, too."""
+        """The space of one part. `pencil` has its damping; with damping, λ must be within the tolerance, too."""
         name = statics.part.sub.name
         return cls(repr(name), {name: FoundModes(statics, pencil)}, top)
 
@@ -69,11 +69,11 @@ class Space:
 
     @property
     def most(self) -> Array:
-        """The most modes of each part that a model may have."""
+        """The largest number of modes of each part that a model may have."""
         return np.where(self.given >= 0, self.given, [part.most for part in self.parts.values()])
 
     def least(self, reference: Nested, hi: float) -> Array:
-        """How many modes of each part lie in the band, or so near above it that the cut-off must be beyond them."""
+        """Number of modes of each part in the band, or so little above it that the cut-off must be higher than they are."""
         inside = ~beyond(reference.share * np.sqrt(reference.values), hi)
         counts = [np.count_nonzero(part) for part in np.split(inside, np.cumsum(reference.most)[:-1])]
         return np.where(self.given >= 0, self.given, counts)
@@ -84,7 +84,7 @@ class Space:
             part.reach(hi / SHARE)
 
     def best(self, goal: Goal) -> Best | None:
-        """The fewest modes with which the tolerance is met; None if that takes more than were found, which are found then."""
+        """The fewest modes that meet the tolerance. None if more modes are needed than were found; these are then computed."""
         band, tol = goal.band, goal.tol
         given = self.reference()
         reference, most = given.nested, self.most
@@ -100,17 +100,17 @@ class Space:
         return None
 
     def reference(self) -> ReferenceModel:
-        """That of all modes found."""
+        """The reference with all modes found."""
         return self.assembled({name: part.nested() for name, part in self.parts.items()})
 
     def assembled(self, own: Mapping[str, tuple[Nested, Span]]) -> ReferenceModel:
-        """The reference made of those of the parts."""
+        """The reference, from the references of the parts."""
         ((name, (nested, _)),) = own.items()
         found = replace(nested, limit=self.limit if len(nested.M) > WIDE else np.inf)
         return ReferenceModel(found, own, {name: np.eye(len(nested.M))})
 
     def extended(self, given: ReferenceModel, band: tuple[float, float]) -> Nested:
-        """With the static responses to the residuals of the complex modes in the band."""
+        """The reference with the static responses to the residuals of the complex modes in the band."""
         sides, own = sides_of(given.nested, band), {}
         for name, part in self.parts.items():
             span, turn = given.own[name][1], given.turns[name]
@@ -118,7 +118,7 @@ class Space:
         return self.assembled(own).nested
 
     def further(self, reference: Nested, best: Estimate) -> None:
-        """More modes of each part, since the best model does not meet the tolerance.
+        """Compute more modes of each part, since the best model does not meet the tolerance.
 
         Raises
         ------
@@ -140,12 +140,12 @@ class Space:
         self.grow(self.growth(reference, best))
 
     def grow(self, factor: float) -> None:
-        """So many times as many modes of each part, and one more."""
+        """Compute modes of each part, up to `factor` times their number plus one."""
         for part in self.parts.values():
             part.grow(int(factor * part.modes) + 1)
 
     def growth(self, reference: Nested, best: Estimate) -> float:
-        """How many times as many modes are to be tried next, extrapolated from the decrease of the error."""
+        """The factor by which to increase the number of modes, extrapolated from the decrease of the error."""
         half = reference.estimate(best.modes // 2, best.band, best.tol, damped=False) if best.modes > 1 else best
         factor = 1.5
         if not best.unmatched and np.isfinite(best.worst):
@@ -154,7 +154,7 @@ class Space:
         return float(np.clip(1.1 * factor, 1.5, 3.0))
 
     def counted_in(self, counts: Array) -> dict[str, Kept]:
-        """The modes kept of each part, once the inertia counts them; empty if some had been missed, which are then found."""
+        """The kept modes of each part, if inertia counts confirm them. Empty if modes had been missed; they are then computed."""
         kept = {name: part.counted_in(count) for (name, part), count in zip(self.parts.items(), counts.tolist(), strict=True)}
         found = {name: one for name, one in kept.items() if one is not None}
         return found if len(found) == len(kept) else {}
@@ -162,7 +162,7 @@ class Space:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceModel:
-    """The reference, those of the parts with their U, and where their coordinates are in it: T_p (R_p, R)."""
+    """The reference x; the references x_p of the parts, with their U; and T_p (R_p, R), x_p = T_p x."""
 
     nested: Nested
     own: Mapping[str, tuple[Nested, Span]]
@@ -170,21 +170,21 @@ class ReferenceModel:
 
 
 def chosen_in(space: Space, goal: Goal) -> Kept:
-    """The modes kept of the only part, with the estimate; see `chosen`."""
+    """The kept modes of a single part, with the estimate; see `chosen`."""
     kept, estimate = chosen(space, goal)
     (only,) = kept.values()
     return replace(only, estimate=estimate)
 
 
 def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
-    """The modes kept of each part, and the estimate of the model made of them.
+    """The kept modes of each part, and the estimate of the model made of them.
 
     Every ω and λ of the band is within the tolerance, and the band ends below the `share` of the cut-off.
 
     Raises
     ------
     NotConvergedError
-        No model meets it, even with all modes or 1000 of a part.
+        No model meets the tolerance, even with all modes or 1000 modes of a part.
     """
     space.reach(goal.band[1])
     while True:
@@ -193,7 +193,7 @@ def chosen(space: Space, goal: Goal) -> tuple[dict[str, Kept], Estimate]:
 
 
 def fewest(reference: Nested, least: Array, best: Best) -> Best:
-    """Few modes in all with which the tolerance is met, between `least` and the `best` known ones; and their estimate."""
+    """Few modes in total that meet the tolerance, between `least` and the known `best`, and their estimate."""
     number = len(least)
     if number > 1:
         best = _by_first_order(reference, least, best)
@@ -204,7 +204,7 @@ def fewest(reference: Nested, least: Array, best: Best) -> Best:
             low = least[at]
             if number > 1 and low < best[0][at] and (larger is None or larger.counts is not best[0]):
                 larger = LeavingOut.of(reference, *best)
-            trial = best[0][at] - 1 if number > 1 else (low + best[0][at]) // 2  # of many parts, one less is mostly too few
+            trial = best[0][at] - 1 if number > 1 else (low + best[0][at]) // 2  # with many parts, one mode less usually fails
             while low < best[0][at]:
                 counts = best[0].copy()
                 counts[at] = trial
@@ -218,18 +218,18 @@ def fewest(reference: Nested, least: Array, best: Best) -> Best:
 
 
 def _judged(reference: Nested, counts: Array, goal: Estimate) -> Estimate:
-    """The estimate; that of λ only where ω are within the tolerance, since it takes far longer."""
+    """The estimate. λ are estimated only if ω are within the tolerance, since λ take far longer."""
     found = reference.estimate(counts, goal.band, goal.tol, False)
     return reference.estimate(counts, goal.band, goal.tol) if found.met and reference.D is not None else found
 
 
 def _by_first_order(reference: Nested, least: Array, best: Best, trials: int = 12) -> Best:
-    """A model with few modes in all that meets the tolerance, from what leaving out each mode costs to first order.
+    """A model with few modes in total that meets the tolerance, from the first-order error of leaving out each mode.
 
-    After `trials` choices that do not meet it, `best` stays.
+    Returns `best` after `trials` choices that do not meet the tolerance.
     """
     (most, largest), tol = best, best[1].tol
-    # of each part, what leaving out a mode costs each frequency of the band, relatively and to first order, (modes, k)
+    # for each part: the relative first-order error of each frequency of the band if a mode is left out, (modes, k)
     kept, band = reference.rest.start, largest.band
     omega, shapes = reference.lowest(reference.M[:kept, :kept], reference.K[:kept, :kept])
     inside = np.flatnonzero(~beyond(omega, band[1]) & ~beyond(band[0], omega))
@@ -248,12 +248,13 @@ def _by_first_order(reference: Nested, least: Array, best: Best, trials: int = 1
 
 
 def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float, exchanged: int = 4) -> Array:
-    """Few modes in all whose summed cost stays within what is allowed.
+    """Numbers of modes, few in total. The summed errors of the modes left out stay within `allowed` for each frequency.
 
-    From all modes on, always the cheapest one goes. Then up to `exchanged` more of one part are tried against fewer of others.
+    The mode with the smallest error is removed again and again, from all modes on. Then up to `exchanged` more modes of one part
+    are tried in exchange for fewer modes of other parts.
     """
     tails = [np.vstack([np.cumsum(cost[:count][::-1], axis=0)[::-1], np.zeros((1, cost.shape[1]))])
-             for cost, count in zip(costs, most, strict=True)]  # of each part: what all modes from a number on cost
+             for cost, count in zip(costs, most, strict=True)]  # for each part: the error without all modes from a number on
     counts = _without_the_cheapest(tails, least, most, allowed)
     going = True
     while going:
@@ -269,7 +270,7 @@ def _leanest(costs: Sequence[Array], least: Array, most: Array, allowed: float, 
 
 
 def _without_the_cheapest(tails: Sequence[Array], least: Array, counts: Array, allowed: float) -> Array:
-    """Always the mode goes that leaves the smallest largest cost, until that would exceed what is allowed."""
+    """Repeatedly removes the mode that raises the largest error least, as long as this error stays within `allowed`."""
     counts = counts.copy()
     spent = np.sum([tail[count] for tail, count in zip(tails, counts, strict=True)], axis=0)
     while True:
@@ -284,7 +285,7 @@ def _without_the_cheapest(tails: Sequence[Array], least: Array, counts: Array, a
 
 
 def sides_of(nested: Nested, band: tuple[float, float]) -> list[tuple[Array, Array, bool]]:
-    """λ and vectors in U of the largest reduced model about the band, of equal energy; the left ones if D is unsymmetric."""
+    """λ and vectors of unit energy in U of the largest reduced model near the band; also left vectors if D is unsymmetric."""
     values, _, X, Y, _ = nested.damped(nested.most)
     wanted = (values.imag <= 1.1 * band[1]) & (np.abs(values) <= 2 * band[1])
     sides = []
