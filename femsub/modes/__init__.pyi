@@ -5,7 +5,7 @@ from .charts import (
 )
 from .dense import semidefinite_frequencies as semidefinite_frequencies
 from .frequency_substructuring import couple_responses as couple_responses, virtual_point as virtual_point
-from .mode_names import ModeName as ModeName, named as named, parts_energies as parts_energies
+from .mode_names import ModeName as ModeName, check_full as check_full, named as named, parts_energies as parts_energies
 from .mode_set import ModeSet as ModeSet
 from .normal_modes import (
     ACCEPTED as ACCEPTED,

@@ -25,13 +25,12 @@ from femsub.model import (
     MOTIONS,
     TRANSLATIONS,
     Pencil,
-    ReducedSubstructure,
     Substructure,
     contacts_of,
     small_matrices,
     without,
 )
-from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, modes_below, named, parts_energies
+from femsub.modes import ComplexModes, ModeName, ShiftInvert, all_modes, check_full, modes_below, named, parts_energies
 from femsub.output import Chart, Column, Displayed, Level, Panel, Series, Table, column, fitted
 
 if TYPE_CHECKING:
@@ -329,9 +328,7 @@ def mode_cards(model: Substructure | Pencil, contacts: Contacts, modes: ComplexM
         still = model.linearised(without(given, parameter), structural=True)
     if len(modes.shapes) != pencil.size:
         raise InputError(f"the modes have {len(modes.shapes)} DOF, but the model has {pencil.size}: are they of another model?")
-    if full is not None and not (isinstance(model, ReducedSubstructure) and instance("full", full, Substructure).size
-                                 == len(model.V)):
-        raise InputError("full must be what the model was reduced from: a substructure with as many DOF as V has rows")
+    check_full(model, full)
     values = modes.eigenvalues
     chosen = np.flatnonzero((values.imag > 0) & ~modes.rigid) if which is None else whole_numbers("which", which)
     if (bad := [at for at in chosen.tolist() if not 0 <= at < len(values) or values[at].imag == 0]):

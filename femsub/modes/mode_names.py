@@ -179,10 +179,15 @@ def mode_names(model: Substructure, modes: NormalModes | ComplexModes, *, full: 
     shapes = getattr(modes, "shapes", None)
     if shapes is None or len(shapes) != model.size:
         raise InputError(f"modes must be those of {model.name!r}, as of fs.normal_modes, with {model.size} rows in their shapes")
+    check_full(model, full)
+    return named(model, np.asarray(shapes), full)
+
+
+def check_full(model: Any, full: Any) -> None:
+    """An error unless `full` is None, or has the DOF that the model was reduced from."""
     if full is not None and not (isinstance(model, ReducedSubstructure) and instance("full", full, Substructure).size
                                  == len(model.V)):
         raise InputError("full must be what the model was reduced from: a substructure with as many DOF as V has rows")
-    return named(model, np.asarray(shapes), full)
 
 
 def named(model: Any, X: Array, full: Any = None) -> tuple[ModeName, ...]:

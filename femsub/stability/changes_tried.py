@@ -366,9 +366,10 @@ class WhatHelps(Displayed):
     def tables(self) -> list[Table]:
         """A row for each candidate, the best first."""
         rows = [{"change": one.name, "growth": one.growth, "by_slope": one.by_slope, "is_stable": one.is_stable,
-                 "in_full": one.in_full.growth if one.in_full is not None else None, "words": one.words} for one in self.tried]
-        columns = [column("change", form="s"), column("growth", form=".5g"), column("by_slope", "by slope", ".5g"), "is_stable",
-                   column("in_full", "in full", ".5g")]
+                 "change_error": one.change_error, "in_full": one.in_full.growth if one.in_full is not None else None,
+                 "words": one.words} for one in self.tried]
+        columns = [column("change", form="s"), column("growth", form=".4g"), column("by_slope", "by slope", ".4g"), "is_stable",
+                   column("change_error", "error", ".1e"), column("in_full", "in full", ".4g")]
         return [Table("helps", rows, columns, "Changes")]
 
     def chart(self, title: str = "What helps") -> Chart:
@@ -381,14 +382,7 @@ class WhatHelps(Displayed):
                 f"{self.target:g} or less; the best is {self.best.name}, {self.best.growth:.4g}")
 
     def __str__(self) -> str:
-        width = max(len("candidate"), *(len(one.name) for one in self.tried))
-        lines = [f"{'candidate':{width}}  growth      by slope    stable  error    full model"]
-        for one in self.tried:
-            full = "-" if one.in_full is None else f"{one.in_full.growth:.4g}"
-            verdict = {True: "yes", False: "no", None: "?"}[one.is_stable]
-            lines.append(f"{one.name:{width}}  {one.growth:<10.4g}  {one.by_slope:<10.4g}  {verdict:6}  "
-                         f"{one.change_error:<7.1e}  {full}")
-        return "\n".join([repr(self), *lines, *self.ranking])
+        return "\n".join([repr(self), self.tables()[0].text(), *self.ranking])
 
 
 def what_helps(model: Substructure, contacts: Contacts, candidates: Mapping[str, Any] | Sequence[Any], target: float = 0.0, *,
