@@ -1,7 +1,7 @@
-"""What judges extreme cases: Sturm counts and eigenvalues in 60 digits (mpmath), closed forms, and bounds from condition numbers.
+"""Judges of extreme cases: Sturm counts and eigenvalues in 60 digits (mpmath), closed forms, and bounds from condition numbers.
 
-None of it is femsub's. Each judge asks femsub one question about a model, and returns what was `Found`. A model comes by itself,
-or in a pair with its known spectrum.
+These references do not use femsub. Each judge calls femsub once for a model, and returns a `Found`. A model is given alone, or in
+a pair with its known spectrum.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LAPACK = "n eps min(λ/λ₁, λ_n/λ), of LAPACK"
 
 @dataclass(frozen=True)
 class Found:
-    """What a case measured: the largest error and the bound stated for that value beforehand, both relative, and the rest."""
+    """The measurements of a case: the largest error and the bound stated for this value beforehand, both relative, and others."""
 
     computed: str
     error: float
