@@ -83,7 +83,7 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
         note = f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered"
         mesh = replace(mesh, cells=cells, repairs=(*mesh.repairs, note))
         _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours", cure)
-    # what is only noted: nodes that coincide, separate pieces
+    # only noted: nodes that coincide, separate pieces
     from scipy.spatial import cKDTree
 
     repairs = list(mesh.repairs)

@@ -45,7 +45,7 @@ class Affine(Frozen):
         Each matrix dense or sparse. θ is a number, the name of a parameter, or a function whose arguments are the names, as
         ``lambda speed: 1 / speed``. An argument with a default value is no parameter. A matrix alone has θ = 1. ``D=None`` means
         no damping. Use a function of a module instead of a lambda if the object is to be pickled, and NumPy's functions instead
-        of those of `math` if its range is to be proved (`factor_ranges`).
+        of `math` if its range is to be proved (`factor_ranges`).
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class Freed:
         size = np.sqrt(C.multiply(C).sum(axis=0))
         C = sp.csc_array(C / size)
         factor = splu(sp.csc_array(C.T @ C))
-        for _ in range(2):  # the second step removes what the squared condition costs
+        for _ in range(2):  # the second step removes the error from the squared condition number
             force = C.T @ (unit[:, None] * pencil.residual(values, found)[self.rest])
             found[self.held] -= (factor.solve(force.real) + 1j * factor.solve(force.imag)) / size[:, None]
         return unit_length(found)

@@ -40,7 +40,7 @@ class Expression:
     Raises
     ------
     InputError
-        Not an expression, or one with something else than `TAKEN` in it.
+        Not an expression, or an expression with elements that are not in `TAKEN`.
     """
 
     text: str
@@ -49,7 +49,7 @@ class Expression:
     def __post_init__(self) -> None:
         if len(self.text) > LONGEST:
             raise InputError(f"the factor of {self.where} must have at most {LONGEST} characters, but has {len(self.text)}")
-        if strange := set(self.text) & {"#", "\\"}:  # Python would leave out what follows
+        if strange := set(self.text) & {"#", "\\"}:  # Python would ignore the text after them
             raise InputError(f"the factor of {self.where}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
                              "stand there")
         for node in ast.walk(self._tree):

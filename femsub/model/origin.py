@@ -1,4 +1,4 @@
-"""`Origin`: the full model behind a reduced one, and a bound on what the reductions before the last one have left out."""
+"""`Origin`: the full model behind a reduced model, and a bound on the modes left out by all reductions but the last."""
 
 from __future__ import annotations
 

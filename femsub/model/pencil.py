@@ -317,7 +317,7 @@ def look_at_the_order(*parts: Sequence[tuple[float, Matrix]], light: float = 0.1
 
     The damping ratio ζ = d/(2√(mk)) of each DOF with mass, from the diagonals, decides. The warning is given if all have ζ > 1,
     and all would have ζ < `light` with D and K exchanged, as in nearly all structures. At least `many` DOF must agree, which is
-    no accident. K must also have no more entries than D: in the right order, only the damping of a material has so many.
+    no accident. K must also have no more entries than D: in the right order, D has as many entries only if it damps a material.
     """
     if not all(parts) or _entries(parts[2]) > _entries(parts[1]):
         return

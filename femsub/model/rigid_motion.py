@@ -372,7 +372,7 @@ def energy_units(model: Substructure) -> Array:
 def by_places(part: Substructure) -> RigidMotion | None:
     """The rigid motions of a full part, from the places of its DOF, that K does not resist.
 
-    None if the places are not known, or if rounding leaves open what K resists.
+    None if the places are not known, or if rounding leaves open which motions K resists.
     """
     if part.dofs is None or part.dofs.no_rigid:
         return None

@@ -231,7 +231,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         The impulse (mass · length / time), by default 1e-3 on the first contact's port. The same impulse is the same physical
         disturbance for every model, see `Sliding.impulse`.
     ports : sequence of str
-        Ports to record besides those of the contacts.
+        Further ports to record. The ports of the contacts are always recorded.
     step, samples, record_from
         The grid of recorded times: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1.
         Default: 16 points per period of the highest mode, at most 200,000 in total; 2,000 for a sparse model.
