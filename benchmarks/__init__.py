@@ -1,5 +1,5 @@
-"""Attacks, measurements, and what makes the pictures and tables of the docs: `python -m benchmarks` lists them. Not installed."""
+"""Attacks, measurements, and programs for the docs' pictures and tables: `python -m benchmarks` lists them. Not installed."""
 
 
 class UsageError(Exception):
-    """A command was called in a way that it cannot follow."""
+    """A command was called with invalid arguments."""

@@ -14,14 +14,14 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 from benchmarks import UsageError
 
-#: The module of each command: its docstring says what it does and what its options mean, which are the arguments of its `main`.
+#: The module of each command. Its docstring describes the command and its options, which are the arguments of its `main`.
 COMMANDS = {name: f"benchmarks.{name.replace('-', '_')}" for name in (
     "attack", "bases", "gallery", "method-pictures", "over-a-range", "pages", "public-brake-picture", "report",
     "scaling", "users-picture", "extreme")}
 
 
 def first_line(module: str) -> str:
-    """What a command does. Its file is read, not run: some commands need packages of their own."""
+    """The first line of a command's docstring. Its file is read, not run, since some commands need further packages."""
     spec = find_spec(module)
     assert spec is not None and spec.origin is not None
     text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) or ""
@@ -29,9 +29,9 @@ def first_line(module: str) -> str:
 
 
 def parser_of(name: str, module: ModuleType) -> argparse.ArgumentParser:
-    """By the signature of the module's `main`: what follows `*` are options, a tuple takes several words.
+    """The parser from the signature of the module's `main`: arguments after `*` are options, a tuple takes several words.
 
-    Annotated[kind, choices] names the words that there are.
+    Annotated[kind, choices] lists the accepted words.
     """
     parser = argparse.ArgumentParser(f"python -m benchmarks {name}", description=module.__doc__,
                                      formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -1,12 +1,12 @@
-"""Random attacks on numbers, each case beside a reference of its own.
+"""Random attacks on femsub's numbers: each case is compared with an independent reference.
 
     python -m benchmarks attack SUBJECT [--cases 3000] [--seed 0] [--kind KIND] [--workers 1] [--limit 600]
                                        [--texts]
 
-SUBJECT is what a function in benchmarks/attacks says that it attacks. --cases is their number over all kinds, or of one KIND
-alone; --seed is the first seed; --workers is the number of processes. Each case is compared with a reference of its own. The
-counts are printed by kind and outcome; with --texts, what each case says. A case that crashes its process or takes longer than
---limit seconds is wrong. Exit status 1 if one was.
+SUBJECT is the subject of a function in benchmarks/attacks. --cases is the number of cases over all kinds, or of one KIND;
+--seed is the first seed; --workers is the number of processes. The counts are printed by kind and outcome; with --texts, the
+outcome of each case, too. A case that crashes its process or takes longer than --limit seconds is wrong. The exit status is 1 if
+a case was wrong.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ for item in iter_modules([str(Path(__file__).parent / "attacks")]):
 
 
 def attacked(subject: str, kind: str, seed: int) -> str:
-    """The outcome of one case; an exception is one, too."""
+    """The outcome of one case. An exception counts as the outcome 'wrong'."""
     try:
         return SUBJECTS[subject][1](kind, seed)
     except Exception as error:
@@ -43,7 +43,7 @@ def main(subject: Annotated[str, sorted(SUBJECTS)], *, cases: int = 3000, seed: 
     if kind and kind not in kinds:
         raise UsageError(f"--kind {kind}: {subject} has {', '.join(kinds)}")
     tasks = [(one, seed + i) for i in range(cases) for one in ([kind] if kind else kinds)][:cases]
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of the worker processes, which are started below
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # for the worker processes, which are started below
     idle: SimpleQueue[Worker] = SimpleQueue()
     for _ in range(workers):
         idle.put(Worker())

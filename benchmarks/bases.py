@@ -3,24 +3,24 @@
     python -m benchmarks bases [--component slab bulk disc] [--times FACTOR ...] [--modes N ...] [--only METHOD ...]
                                [--limit SECONDS] [--repeats N] [--out DIR] [--quick]
 
---component  slab or bulk of hexahedra, or a disc with pads; --times: so many times their DOF (some 110,000, 39,000, 49,000)
+--component  slab or bulk of hexahedra, or a disc with pads; --times: factors of their DOF (about 110,000, 39,000, 49,000)
 --modes      of the fixed interface; --only: femsub and these methods alone
 --limit      seconds of one measurement, the component's assembly included; --repeats: runs of each
---quick      tiny sizes show that all works; times mean nothing
+--quick      tiny sizes, to test the command; their times mean nothing
 
-All constraint modes and 40 fixed-interface modes, with the reduced M and K. `reduce` finds and certifies them. What users have
-today is compared with it:
+The task is to compute all constraint modes and 40 fixed-interface modes, with the reduced M and K. `reduce` computes and
+certifies them. It is compared with other solvers that are available today:
 - SciPy's `eigsh(sigma=0)` with MKL's Pardiso (the extra `pardiso`), and with SuperLU and its options for symmetric matrices.
 - SLEPc as it comes, with CHOLMOD and MUMPS: one factor in Krylov-Schur and in a KSP that solves column by column.
 - PRIMME (the extra `primme`) with the factor of Pardiso, or of SuperLU without it, as its preconditioner.
-Only `reduce` counts the modes by a second factorisation, and the count is in its time. The error is the largest of ω against
-femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
+Only `reduce` counts the modes by a second factorisation, and its time includes the count. The error is the largest error of ω
+relative to femsub's certified frequencies. A mode is missed if no frequency lies within 1 % of it.
 
-What is compared is measured in one run, in alternating order, each time in a process of its own, so that the peak of its
-resident memory is its own. Each loads its packages, solves a tiny problem, and only then starts the clock. Ratios are medians
-over the repeats, with the least and the most. Written are bases.csv and bases.json. Each measurement is a line of
-DIR/measured.jsonl. The same call goes on where it was stopped, and prints what the folder has of other cases as well. A
-measurement that takes longer than --limit, or more memory than there is, is marked so.
+All methods are measured in one run, in alternating order, each time in a separate process, so that the peak of its resident
+memory is its own. Each process loads its packages, solves a tiny problem, and only then starts the clock. Ratios are medians
+over the repeats, with minimum and maximum. The results are written to bases.csv and bases.json. Each measurement is a line of
+DIR/measured.jsonl. The same call continues a stopped run, and also prints other cases in the folder. A measurement that takes
+longer than --limit, or more memory than there is, is marked.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ SIZES: dict[bool, Row] = {  # by --quick: bricks or element length, nodes of the
     True: {"slab": (8, 6, 2), "bulk": (4, 3, 2), "disc": 0.04, "interface": 6, "modes": 6}}
 DUST = 1e-14  # share of a contact's largest stiffness below which an entry is rounding
 ROWS = 500  # of the constraint modes that are compared
-LOST = 1e-2  # relative: a mode of which no frequency is nearer than that is missed
-REFERENCE = "femsub"  # what others are compared with
+LOST = 1e-2  # a mode is missed if no frequency is nearer than this relative distance
+REFERENCE = "femsub"  # the method with which others are compared
 PACKAGES = {"SciPy, MKL Pardiso": "pypardiso", "PRIMME": "primme"}  # that methods need
 COLUMNS = {"case": "", "method": "", "dof": ",d", "seconds": ".3g", "seconds_least": ".3g", "seconds_most": ".3g", "times": ".3g",
            "times_least": ".3g", "times_most": ".3g", "peak_mb": ".0f", "base_mb": ".0f", "error": ".0e", "missed": "d",
@@ -97,7 +97,7 @@ def disc(size: float, nodes: int) -> fs.Substructure:
     made = Scene({"scene": "brake", "part": finer}).models
     system = fs.couple(made.full.parts, made.at({"mu": 0.0}), DISC)
     contact = system.linearised(made.at({"mu": 0.0})).K - system.K
-    # normals are tilted by rounding, so that DOF along the contact would join the parts for nothing
+    # rounding tilts the normals: without this, DOF along the contact would join the parts needlessly
     contact.data[np.abs(contact.data) < DUST * np.abs(contact.data).max()] = 0.0
     contact.eliminate_zeros()
     start, interface = 0, []
@@ -302,7 +302,7 @@ def rows_of(runs: Sequence[Row]) -> list[Row]:
                     "reference": reference, "ended": ended}
         if mine:
             first = next(iter(mine.values()))
-            # ratios of one round, so that a slow spell of the machine hits both of its sides
+            # ratios within one round, so that a slow phase of the machine affects both methods
             for key, values in (("seconds", [run["seconds"] for run in mine.values()]),
                                 ("times", [run["seconds"] / done[REFERENCE, turn]["seconds"] for turn, run in mine.items()
                                            if (REFERENCE, turn) in done])):

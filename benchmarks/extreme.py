@@ -2,21 +2,21 @@
 
     python -m benchmarks extreme [--cases NAME ...] [--quick] [--list] [--out DIR]
 
---cases takes names, parts of them, or groups; --quick leaves out what takes longer than a second or two. Each case runs apart
-from the others: what fails, even by a crash or after --limit seconds, is a row of the table.
+--cases takes names, parts of names, or groups; --quick leaves out cases that take longer than a second or two. A failure, even a
+crash or a run longer than --limit seconds, is a row of the table and does not end the run.
 
-References are those of benchmarks/judges.py: Sturm counts, companion matrices and solves in 60 digits (mpmath, which
-`scripts/setup test` installs) of the matrices as they are, in double precision, and closed forms; none of it is femsub's. All
+References come from benchmarks/judges.py: Sturm counts, companion matrices and solves in 60 digits (mpmath, which
+`scripts/setup test` installs) of the matrices as they are, in double precision, and closed forms. They do not use femsub. All
 errors are relative: of ω², of complex eigenvalues, of slopes, of the reduced model's statics. A bound comes from condition
-numbers, from what a method was asked for or from what it says of its own error, is fixed before the error is known, and must be
+numbers, from the requested accuracy, or from a method's own error estimate. It is fixed before the error is known, and must be
 below 1.
 
 right     Each value lies within its bound, none is missed, no claim (rigid-body modes, stability) is false; the backward error is
           at most 1e-9 and ‖ΦᵀMΦ - I‖ at most 1e-8.
 refused   An error of femsub's own, or a warning that rounding takes the digits (then with the figures); the reason is listed.
-wrong     All else.
+wrong     Any other result.
 
-Written are extreme.csv and extreme.json. Exit status 1: a row is wrong, or other than it is known to be.
+The results are written to extreme.csv and extreme.json. Exit status 1: a row is wrong, or differs from its known outcome.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ FIGURES = ("error", "bound", "ratio", "backward", "orthogonality", "condition", 
 
 @dataclass(frozen=True)
 class Case:
-    """A named extreme case; `expect` is 'right', or what the refusal must speak of."""
+    """A named extreme case; `expect` is 'right', or a word that the refusal must contain."""
 
     name: str
     group: str
@@ -74,7 +74,7 @@ CASES: dict[str, Case] = {}
 
 def case(group: str, name: str, run: Callable[..., Found], *args: Any, expect: str = "right", quick: bool = True,
          **options: Any) -> None:
-    """Puts a case into the table."""
+    """Adds a case to the table."""
     assert name not in CASES, name
     CASES[name] = Case(name, group, partial(run, *args, **options), expect, quick)
 
@@ -107,7 +107,7 @@ def pieces(*parts: fs.Substructure) -> fs.Substructure:
 
 
 def lattice(nx: int, ny: int, seed: int = 0, diagonals: bool = True, interface: tuple[int, ...] = (0, 1, -1)) -> fs.Substructure:
-    """A plane truss of springs between 0.5 and 2: three rigid-body modes, and without diagonals nx + ny free shears."""
+    """A plane truss of springs between 0.5 and 2: three rigid-body modes; without diagonals nx + ny free shear motions more."""
     sub = lattices.lattice(nx, ny, seed=seed, diagonals=diagonals)
     return fs.Substructure(sub.M, sub.K, interface=[dof % sub.size for dof in interface])
 

@@ -25,7 +25,7 @@ from femsub.app.grammar import built_in
 
 SCENES, ROOT = built_in(), Path(__file__).resolve().parents[1]
 PAGE, RUNS, PICTURES = ROOT / "docs/gallery/index.md", ROOT / "docs/gallery/runs.json", ROOT / "docs/pictures/gallery"
-WIDTH = 1000  # pixels of a picture, at most
+WIDTH = 1000  # largest width of a picture in pixels
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ GALLERY = {name: Shown(**one) for name, one in tomllib.loads(
 
 
 def scene_file(scene: str, folder: Path) -> str:
-    """What `femsub run` takes: the scene's name, or a file that is written here with what it needs."""
+    """The argument of `femsub run`: the scene's name, or a scene file that is written here with the files that it needs."""
     text = GALLERY[scene].text
     if not text:
         return scene
@@ -55,7 +55,7 @@ def scene_file(scene: str, folder: Path) -> str:
 
 
 def run_scene(scene: str, out: Path) -> dict[str, Any]:
-    """Runs a scene, and gives its processor time [s], its memory [MB], the commit, and what its figure shows."""
+    """Runs a scene; returns its processor time [s], its memory [MB], the commit, and the numbers that its figure shows."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "femsub", "run", scene_file(scene, Path(folder)), "--quiet", "--out", str(out)]
         process = subprocess.Popen(command, env=os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)})

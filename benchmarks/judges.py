@@ -1,7 +1,7 @@
-"""What judges extreme cases: Sturm counts and eigenvalues in 60 digits (mpmath), closed forms, and bounds from condition numbers.
+"""Judges of extreme cases: Sturm counts and eigenvalues in 60 digits (mpmath), closed forms, and bounds from condition numbers.
 
-None of it is femsub's. Each judge asks femsub one question about a model, and returns what was `Found`. A model comes by itself,
-or in a pair with its known spectrum.
+These references do not use femsub. Each judge calls femsub once for a model, and returns a `Found`. A model is given alone, or in
+a pair with its known spectrum.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ LAPACK = "n eps min(λ/λ₁, λ_n/λ), of LAPACK"
 
 @dataclass(frozen=True)
 class Found:
-    """What a case measured: the largest error and the bound stated for that value beforehand, both relative, and the rest."""
+    """The measurements of a case: the largest error and the bound stated for this value beforehand, both relative, and others."""
 
     computed: str
     error: float
@@ -44,7 +44,7 @@ class Found:
 
 
 def worst(founds: Iterable[Found]) -> Found:
-    """Of several: the one that is nearest to its bound, with the lies of all and what was missed in all."""
+    """The result nearest to its bound among several, with the false claims and the missed values of all."""
     several = list(founds)
     said = "; ".join(dict.fromkeys(found.lie for found in several if found.lie))
     missed = [found.missed for found in several if found.missed is not None]
@@ -69,7 +69,7 @@ def figures(errors: Array, bounds: Array) -> tuple[float, float, float]:
 
 
 def exact(matrix: Any) -> Any:
-    """The doubles as they are, in an mpmath matrix."""
+    """The double-precision entries as they are, in an mpmath matrix."""
     return mp.matrix(dense(matrix).tolist())
 
 
@@ -108,10 +108,10 @@ class Sturm:
         return negative
 
     def errors(self, values: Iterable[float], first: int = 1) -> Array:
-        """Relative distance of each value (ascending) to the eigenvalue of its number, `first` that of the first one.
+        """The relative distance of each value (ascending) to the eigenvalue of its number; `first` is the first value's number.
 
-        The smallest δ, to a tenth of a decade, for which the counts at λ(1 - δ) and λ(1 + δ) enclose that number; 1 stands
-        for all that is further off, and 1e-18 for no difference.
+        It is the smallest δ, to a tenth of a decade, for which the counts at λ(1 - δ) and λ(1 + δ) enclose the number. Larger
+        distances become 1, and no difference becomes 1e-18.
         """
         def encloses(value: float, number: int, power: float) -> bool:
             delta = mp.mpf(10) ** power
@@ -128,16 +128,18 @@ class Sturm:
 
 
 def quadratic(M: Any, D: Any, K: Any) -> list[Any]:
-    """All finite λ of (λ²M + λD + K)x = 0 in 60 digits: a companion matrix of it, or of its reverse where M is singular,
-    that of μ = λ - 1 if K is as well.
+    """All finite λ of (λ²M + λD + K)x = 0 in 60 digits, from a companion matrix.
+
+    If M is singular, the companion matrix of the reversed problem is used; if K is singular too, for μ = λ - 1.
     """
     singular = [np.linalg.matrix_rank(dense(part)) < np.shape(M)[0] for part in (M, K)]
     return exact_eigenvalues(exact(M), exact(D), exact(K), int(singular[1]) if singular[0] else None)
 
 
 def matched(found: Array, reference: list[Any]) -> tuple[Array, Array]:
-    """|λ - λ*| of each computed eigenvalue and the number of its partner, as sets by least total distance; NaN and -1
-    where it has none.
+    """|λ - λ*| for each computed eigenvalue, and the number of its partner; NaN and -1 without a partner.
+
+    Eigenvalues are compared as sets, by the least total distance.
     """
     there = np.array([complex(value) for value in reference])
     rows, columns = linear_sum_assignment(np.abs(found[:, None] - there))
@@ -148,10 +150,10 @@ def matched(found: Array, reference: list[Any]) -> tuple[Array, Array]:
 
 
 def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
-    """c = -1/G in 60 digits where Im G = 0 next to a given ω, G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w; and how far c moves,
-    relatively, when each entry of M, D, K moves by one eps.
+    """c = -1/G in 60 digits at the root of Im G next to a given ω, G(ω) = iω wᵀ(-ω²M + iωD + K)⁻¹w, and its condition.
 
-    To first order yᵀδP q + yᵀP'q iδω + iω (wᵀq)² δc = 0 with δω and δc real.
+    The condition is the relative change of c if each entry of M, D, K changes by a relative eps. To first order
+    yᵀδP q + yᵀP'q iδω + iω (wᵀq)² δc = 0 with δω and δc real.
     """
     (mass, damping, stiffness), column = (exact(part) for part in (M, D, K)), mp.matrix(w.tolist())
 
@@ -183,7 +185,7 @@ def border(M: Any, D: Any, K: Any, w: Array, omega: float) -> tuple[Any, float]:
 
 
 def roots(damping: Any, stiffness: Any) -> Array:
-    """λ² + dλ + k = 0 for all pairs of coefficients, without cancellation."""
+    """The roots of λ² + dλ + k = 0 for all pairs of coefficients, without cancellation."""
     d, k = (np.atleast_1d(np.asarray(part, dtype=complex)) for part in np.broadcast_arrays(damping, stiffness))
     root = np.sqrt(d * d / 4 - k)
     large = -d / 2 - np.where((d.conj() * root).real >= 0, root, -root)
@@ -194,22 +196,22 @@ def roots(damping: Any, stiffness: Any) -> Array:
 
 
 def entry_condition(K: Any, M: Any, shapes: Array, values: Array) -> Array:
-    """eps |φ|ᵀ(|K| + λ|M|)|φ| / λ for ΦᵀMΦ = I: how far λ moves, relatively, when each entry of K and M moves by one eps."""
+    """eps |φ|ᵀ(|K| + λ|M|)|φ| / λ, ΦᵀMΦ = I: the relative change of λ if each entry of K and M changes by a relative eps."""
     size = np.abs(shapes)
     return EPS * np.einsum("ij,ij->j", size, abs(K) @ size + (abs(M) @ size) * values) / values
 
 
 def spread(values: Array, K: Any, M: Any, n: int) -> Array:
-    """What LAPACK may lose, which works from both ends of the spectrum: n eps min(λ/λ₁, λ_n/λ)."""
+    """The possible relative error by LAPACK, which works from both ends of the spectrum: n eps min(λ/λ₁, λ_n/λ)."""
     top = float(np.max(np.divide(K.diagonal(), M.diagonal(), out=np.zeros(K.shape[0]), where=M.diagonal() > 0)))
     return n * EPS * np.minimum(values / values[0], np.maximum(2 * top / values, 1.0))
 
 
 def energy_conditions(M: Any, D: Any, K: Any) -> tuple[Array, Array]:
-    """λ in double precision with the first-order bound of a backward stable method in energy coordinates and of one
-    rounding in each entry: 10 m eps ‖A‖₂ / |yᴴx| + 8 eps |y|ᵀ(|λ|²|M| + |λ||D| + |K|)|x| / |yᴴP'(λ)x|, absolute.
+    """λ in double precision, and a first-order bound of its absolute error.
 
-    A is the state matrix (Ωq, q̇) of order m.
+    10 m eps ‖A‖₂ / |yᴴx| + 8 eps |y|ᵀ(|λ|²|M| + |λ||D| + |K|)|x| / |yᴴP'(λ)x|, for a backward stable method in energy coordinates
+    and one rounding in each entry. A is the state matrix (Ωq, q̇) of order m.
     """
     M, D, K = dense(M), dense(D), dense(K)
     upper = la.cholesky(M)
@@ -233,10 +235,10 @@ def energy_conditions(M: Any, D: Any, K: Any) -> tuple[Array, Array]:
 
 
 def modes(build: Callable[[], Any], rigid: int = 0, checked: int | None = None, **ask: Any) -> Found:
-    """Normal modes by a count or a band, against all known ω, as sets: those asked for, those on edges too, and no other.
+    """Normal modes by a count or a band, compared as sets with all known ω: all modes asked for, also on edges, and no others.
 
-    Without known ω by Sturm counts in 60 digits, the first `checked` elastic ones, with so many `rigid` ones. The count that
-    femsub gives beside them must be that of the frequencies below its limit.
+    Without known ω, the first `checked` elastic modes are compared with Sturm counts in 60 digits, with `rigid` rigid-body modes.
+    femsub's own count must be the number of frequencies below its limit.
     """
     made = build()
     sub, omega = made if isinstance(made, tuple) else (made, None)
@@ -277,8 +279,10 @@ def modes(build: Callable[[], Any], rigid: int = 0, checked: int | None = None, 
 
 def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, ports: bool = False, whole: bool = False,
           floating: int | None = None) -> Found:
-    """A reduced model: kept modes by Sturm counts, its statics at the interface by solves in 60 digits; with `whole`,
-    where nothing is left out, the spectrum of the full model, which has `floating` rigid-body modes (default: `rigid`).
+    """A reduced model: kept modes by Sturm counts, and statics at the interface by solves in 60 digits.
+
+    With `whole`, no mode is left out: then the spectrum must be that of the full model, which has `floating` rigid-body modes
+    (default: `rigid`).
     """
     sub = build()
     rom = fs.reduce(sub, method, ports=ports)
@@ -317,10 +321,10 @@ def basis(build: Callable[[], fs.Substructure], method: Any, rigid: int = 0, por
 
 
 def statics(sub: fs.Substructure, rom: fs.ReducedSubstructure, hcb: bool) -> tuple[float, float]:
-    """Error of the statics at the interface, and what may be lost, over the largest entry.
+    """The error of the statics at the interface, and its bound, relative to the largest entry.
 
-    Of HCB K_bb - K_bi K_ii⁻¹ K_ib with 8 eps |Ψ|ᵀ|K||Ψ|, over the largest entry of K_bb where it is 0. Of CC FᵀK⁻¹F with
-    8 eps |u|ᵀ|K||u| and the energy of dropped columns.
+    For HCB the statics are K_bb - K_bi K_ii⁻¹ K_ib with the bound 8 eps |Ψ|ᵀ|K||Ψ|; if they are 0, relative to the largest entry
+    of K_bb. For CC they are FᵀK⁻¹F with the bound 8 eps |u|ᵀ|K||u| plus the energy of dropped columns.
     """
     b, K = [int(dof) for dof in sub.interface], exact(sub.K)
     if hcb:
@@ -343,7 +347,10 @@ def statics(sub: fs.Substructure, rom: fs.ReducedSubstructure, hcb: bool) -> tup
 
 
 def nearly_complete(build: Callable[[], fs.Substructure], kind: type, rigid: int = 0) -> Found:
-    """All modes, one and two fewer, with ports and without: kept modes, statics and, with all, the spectrum of the full model."""
+    """Reduced models with all modes, one less, and two less, with and without ports: kept modes and statics.
+
+    With all modes, the spectrum of the full model is compared as well.
+    """
     sub, founds = build(), []
     hcb = kind is fs.CraigBampton
     moving = dense(sub.M)[np.ix_(sub.interior, sub.interior)] if hcb else dense(sub.M)
@@ -364,10 +371,10 @@ def cea(build: Callable[[], Any], power: int = 1, belt: fs.Belt | None = None, r
         **ask: Any) -> Found:
     """Complex modes against a companion matrix in 60 digits, or against all known λ.
 
-    An error must lie within femsub's own error bar, and of a dense pencil (with `regular` M) within the bound of a backward
-    stable method; at a defective eigenvalue of the order `power` within (10 m eps)^(1/power) ‖A‖ instead. Sets are compared,
-    one to one: what is listed twice is wrong, and of a band all must be there that lies in it or on its edges. Of equal
-    eigenvalues that are `semisimple` no shape may be a combination of the others.
+    An error must lie within femsub's own error bar, and for a dense pencil (with `regular` M) within the bound of a backward
+    stable method; at a defective eigenvalue of the order `power` within (10 m eps)^(1/power) ‖A‖ instead. Sets are compared one
+    to one: an eigenvalue listed twice is wrong, and all eigenvalues in the band or on its edges must be listed. If equal
+    eigenvalues are `semisimple`, no shape may be a combination of the others.
     """
     made = build()
     closed = isinstance(made, tuple)
@@ -422,9 +429,9 @@ def cea(build: Callable[[], Any], power: int = 1, belt: fs.Belt | None = None, r
 
 def slope(build: Callable[[], fs.Substructure], known: float | None = None, within: float = EPS, at: float | None = None,
           **options: Any) -> Found:
-    """The critical slope against the root of Im G in 60 digits, with no mode unstable at 0.999 of it.
+    """The critical slope against the root of Im G in 60 digits; at 0.999 of it no mode may be unstable.
 
-    Or against a known one `within` a relative error, `at` a known frequency.
+    A known slope is compared `within` a relative error instead, `at` a known frequency.
     """
     sub = build()
     found = fs.critical_slope(sub, **options)
@@ -451,6 +458,6 @@ def slope(build: Callable[[], fs.Substructure], known: float | None = None, with
 
 
 def on_an_edge(build: Callable[[], fs.Substructure], **options: Any) -> Found:
-    """The border of a chain sought in bands that end or begin at its frequency."""
+    """The critical slope of a chain, searched in bands that end or begin at its frequency."""
     omega = fs.critical_slope(build()).omega
     return worst(slope(build, band=edge, **options) for edge in ((omega, 3 * omega), (0.3 * omega, omega)))

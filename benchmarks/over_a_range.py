@@ -1,4 +1,4 @@
-"""A brake over its speed: the error of other bases against certified solutions, and milliseconds of a value.
+"""A brake over its speed: errors of other bases against certified solutions, and milliseconds for each speed.
 
     python -m benchmarks over-a-range FOLDER [--values FILE] [--out DIR]
 

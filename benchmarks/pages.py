@@ -78,10 +78,10 @@ json.dump([_told, _fault], sys.__stdout__)
 
 @dataclass(frozen=True)
 class Block:
-    """A block that runs: its language, its text, the output that the page shows (None: none), and where that stands.
+    """A block that runs: its language, its text, the output shown on the page (None if none), and the place of the output.
 
-    `picture` is the place in docs/pictures of the figure that it draws, '' for none. `made_at` has the output's fence and the
-    image: what running the block makes anew.
+    `picture` is the place in docs/pictures of the figure that the block draws, '' for none. `made_at` contains the places of the
+    output's fence and of the image, which a run of the block makes anew.
     """
 
     kind: str
@@ -127,7 +127,7 @@ def run(page: str, folder: Path) -> tuple[list[Block], list[str], str]:
 
 
 def differences(printed: str, shown: str) -> str:
-    """Where the output is not what the page shows: the first word, with its neighbours; nothing if all words agree."""
+    """The first word of the output that differs from the page, with its neighbours; '' if all words agree."""
     found, expected = (re.sub(r"^\* ", "", text, flags=re.MULTILINE).split() for text in (printed, shown))
     reach = {0}  # how many words of the output may stand for those of the page so far: several behind a …
     for i, word in enumerate(expected):

@@ -1,4 +1,4 @@
-"""What pictures show, as numbers beside them, and whether a run today shows the same."""
+"""The numbers that pictures show, stored beside the pictures, and their comparison with a new run."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 SHOWN = "data.json"  # of the pictures
 NUMBERS = "numbers.json"  # in the folder of a script's pictures: what they show, by their names
-MOST = 40  # values of a list that are kept, evenly chosen
+MOST = 40  # largest number of values of a list that are kept, evenly chosen
 DIGITS = 4
-FACTOR = 3.0  # that an error may differ by
-FLOOR = 1e-8  # relative errors below are not compared: rounding has its part in them
+FACTOR = 3.0  # factor by which an error may differ
+FLOOR = 1e-8  # smaller relative errors are not compared, since they contain rounding
 ERRORS = ("error", "relative error")  # what a chart tells of its points
 
 
@@ -38,7 +38,7 @@ def commit() -> str:
 
 
 def save(path: Path, draw: Callable[[], Any]) -> None:
-    """Writes a picture, and what it shows into the file of numbers beside it; the folder is made."""
+    """Writes a picture, and its numbers into the file beside it; the folder is created."""
     path.parent.mkdir(parents=True, exist_ok=True)
     made: list[Any] = []
 
@@ -54,7 +54,7 @@ def save(path: Path, draw: Callable[[], Any]) -> None:
 
 
 def store(pictures: Path, figures: Mapping[str, bytes], told: Mapping[str, Mapping[str, Any]]) -> None:
-    """Puts figures into the folder of pictures, and what is told of them into its index."""
+    """Copies figures into the folder of pictures, and their entries into its index."""
     index = pictures / SHOWN
     known = {**(json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}), **told}
     lines = ",\n".join(f" {json.dumps(place)}: {json.dumps(known[place], ensure_ascii=False)}" for place in sorted(known))

@@ -1,4 +1,4 @@
-"""Measurements in processes of their own: the memory of each is its own, and so are its threads of BLAS."""
+"""Measurements in separate processes, each with its own memory and its own BLAS threads."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from femsub.algebra.processes.threads import libraries
 from femsub.app import report
 from femsub.io.atomic import write_whole
 
-LEFT_MB = 500.0  # below so much free memory of the machine a measurement is stopped, before the system stops something else
+LEFT_MB = 500.0  # free memory of the machine below which a measurement is stopped, before the system stops another process
 WATCHED = 0.25  # seconds between two looks at a measurement,
 SELDOM = 10  # and of its memory after so many times what the last look took: all pages of a large process are counted
 Row = dict[str, Any]
@@ -36,7 +36,7 @@ class StoppedError(Exception):
 
 
 def begin(*folders: Path) -> None:
-    """What a command that takes long does first: its folders can be written to, and it leaves in order when it is ended."""
+    """The start of a long command: checks that its folders can be written to, and makes it end orderly on a signal."""
     for folder in folders:
         try:
             with report.output_folder(str(folder)):
@@ -47,7 +47,7 @@ def begin(*folders: Path) -> None:
 
 
 def put(folder: Path, files: Mapping[str, str | bytes]) -> None:
-    """Writes files into a folder, all of them or none."""
+    """Writes files into a folder, either all files or none."""
     def written(file: BinaryIO, content: str | bytes) -> None:
         file.write(content.encode() if isinstance(content, str) else content)
 
@@ -60,7 +60,7 @@ def peak_mb() -> float:
 
 
 def warm_up() -> None:
-    """Loads everything, below and above the size from which the sparse solvers are taken."""
+    """Loads all packages, by models below and above the size from which sparse solvers are used."""
     # The belt at m2 is outside the interface {m1} on purpose, as in the paper; the scene chain shows what that costs.
     warnings.simplefilter("ignore", fs.PortWarning)
     for size in (20, 200):
@@ -69,7 +69,7 @@ def warm_up() -> None:
 
 
 def machine() -> Row:
-    """Processor, cores, versions, and how many threads each BLAS has, when everything is loaded."""
+    """Processor, cores, versions, and the number of threads of each BLAS, after all packages are loaded."""
     warm_up()
     threads = {Path(one["filepath"]).name: one["num_threads"] for one in libraries().info() if one["user_api"] == "blas"}
     return fs.algebra.machine() | report.versions() | {"OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS"),
@@ -77,7 +77,7 @@ def machine() -> Row:
 
 
 class Worker:
-    """A process that does one task after the other, and is replaced when it crashes or takes too long; Linux for its memory."""
+    """A process that runs one task after the other, and is replaced if it crashes or takes too long. Its memory needs Linux."""
 
     pool: ProcessPoolExecutor | None = None
     peak_mb = 0.0  #: of the last task, with all that it started, as far as it was looked at

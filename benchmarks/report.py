@@ -88,9 +88,9 @@ STEPS = (
 
 
 def run(step: Step, folder: Path) -> str:
-    """Runs a step and notes that it ended well, or gives what failed.
+    """Runs a step and records its success, or returns the failure.
 
-    What it left when it was stopped stays: some scripts go on from there.
+    The files of a stopped step are kept, since some scripts continue from them.
     """
     folder.mkdir(parents=True, exist_ok=True)
     command = step.words(out=folder, work=folder.parent)
@@ -116,7 +116,7 @@ def run(step: Step, folder: Path) -> str:
 
 
 def text(step: Step, folder: Path) -> str:
-    """What a step has printed, below what belongs to it."""
+    """The printed output of a step, below a head with its command, seconds, commit and machine."""
     done = json.loads((folder / "done.json").read_text(encoding="utf-8"))
     printed = (folder / "printed.txt").read_text(encoding="utf-8").rstrip()
     table = "\n".join(line.rstrip() for line in printed.partition("\nwritten to ")[0].splitlines()).rstrip()

@@ -4,13 +4,13 @@
 
 Measured are the assembly (from the mesh on), HCB and CC, and the CEA of the full model by PEP (of a solid up to 300,000 DOF) and
 of both reduced ones. Chain, beam and plate keep 20 modes and give the 20 eigenvalues nearest to 0; the floating solid keeps 50
-and gives 32, of which 12 belong to its rigid-body modes. What the components are is below. Beams end at 20,000 DOF: the condition
-of their K grows with n⁴, and rounding takes their lowest frequencies (`fs.beam` warns from 6,300 on). Tests and
-`python -m benchmarks extreme` ask how right frequencies are.
+and gives 32, of which 12 belong to its rigid-body modes. The components are defined below. Beams end at 20,000 DOF: the condition
+of their K grows with n⁴, and rounding destroys their lowest frequencies (`fs.beam` warns from 6,300 on). The accuracy of
+frequencies is checked by tests and by `python -m benchmarks extreme`.
 
-Each measurement has a process of its own, so that the peak of its resident memory is its own; packages are loaded, and a
-tiny problem solved, before the clock starts. Medians over the repeats. Written are scaling.csv, scaling.json and scaling.png. The
-threads of BLAS are those of OMP_NUM_THREADS.
+Each measurement has its own process, so that the peak of its resident memory is its own; packages are loaded, and a tiny problem
+is solved, before the clock starts. The results are medians over the repeats, written to scaling.csv, scaling.json and
+scaling.png. OMP_NUM_THREADS sets the number of BLAS threads.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ BUILD = {"chain": chain, "beam": beam, "plate": plate, "solid": solid}
 
 STEPS = ("assembly", "HCB", "CC", "CEA full", "CEA HCB", "CEA CC")
 METHODS: dict[str, Any] = {"HCB": fs.CraigBampton, "CC": fs.CraigChang}
-LARGE = 10_000  # below it fixed costs rule: exponents begin here
+LARGE = 10_000  # exponents begin here, since fixed costs dominate for smaller models
 COLUMNS = {"component": "", "dof": ",d", "step": "", "seconds": ".3g", "least": ".3g", "most": ".3g", "runs": "d",
            "peak_mb": ".0f", "base_mb": ".0f", "stable": ""}
 

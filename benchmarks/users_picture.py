@@ -1,4 +1,4 @@
-"""What users have today, over femsub: measurements of `bases` as data, as pictures, and in the pages.
+"""Other solvers compared with femsub: measurements of `bases` as data, as pictures, and in the pages.
 
     python -m benchmarks users-picture --take DIR       # benchmarks/data/users.json, and what the pages tell of it
     python -m benchmarks users-picture --out DIR        # the pictures
@@ -31,7 +31,7 @@ LANE = 0.15  # inches: of a method in a figure
 
 
 def taken(told: dict[str, Any]) -> dict[str, Any]:
-    """Of the bases.json of a run what is kept: the machine, and the rows of bases."""
+    """The entries of a run's bases.json that are kept: the machine, and the rows of bases."""
     host = {key: told["machine"].get(key) for key in ("cpu", "cores", "OMP_NUM_THREADS", "commit")}
     return {"machine": host, "rows": [{key: plain(row.get(key)) for key in KEPT} for row in told["rows"]]}
 
@@ -45,7 +45,7 @@ def by_case(rows: Sequence[Row]) -> dict[tuple[str, int, int], dict[str, Row]]:
 
 
 def fullest(rows: Sequence[Row]) -> list[Row]:
-    """Those of the case that most methods have run, and of these the largest, of each component."""
+    """For each component, the rows of the case that most methods have run; of several such cases, the largest."""
     cases = by_case(rows)
     best = {key[0]: key for key in sorted(cases, key=lambda key: (len(cases[key]), *key[1:]))}
     return [row for row in rows if (row["component"], row["dof"], row["modes"]) in best.values()]
@@ -114,7 +114,7 @@ def table(rows: Sequence[Row]) -> str:
 
 
 def sentence(rows: Sequence[Row]) -> str:
-    """How many times as fast as others femsub is, from the least to the most of all cases."""
+    """The sentence with femsub's speed relative to others, from the smallest to the largest ratio of all cases."""
     told = []
     for name, key in (("fast as SciPy with MKL's Pardiso", "SciPy, MKL Pardiso"), ("plain SLEPc", "SLEPc"), ("PRIMME", "PRIMME")):
         if times := [row["times"] for row in rows if row["method"].startswith(key) and row["times"]]:

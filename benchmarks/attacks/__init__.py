@@ -1,1 +1,1 @@
-"""Random cases against references of their own, a module per subject: `python -m benchmarks attack SUBJECT` runs them."""
+"""Random cases against independent references, one module for each subject: `python -m benchmarks attack SUBJECT` runs them."""

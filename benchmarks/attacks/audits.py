@@ -1,4 +1,4 @@
-"""`audit` of femsub's own reductions, which have no fault, and of the same with one fault planted."""
+"""`audit` of femsub's own reductions, which have no fault, and of the same reductions with one planted fault."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from femsub.checks import Array
 from femsub.reduction import METHODS
 
 KINDS = ("sound", "planted with V", "planted without V")
-LEAST = 1e-5  # relative change of an entry, of which a fault is made at least
+LEAST = 1e-5  # smallest relative change of an entry by a planted fault
 
 
 @attack("audits", KINDS, seed_first=True)
 def attacked(kind: str, rng: Random) -> str:
-    """One random case: 'certified' if nothing is said of a sound model, or a fault is found; 'missed: …' by kind of fault."""
+    """One random case: 'certified' if a sound model has no reported fault, or the fault is found; 'missed: …' with its kind."""
     full = component(rng)
     name = str(rng.choice(list(METHODS)))
     method = METHODS[name]() if name == "guyan" else METHODS[name](int(rng.integers(0 if name == "hurty" else 1, 9)))
@@ -54,7 +54,7 @@ def component(rng: Random) -> fs.Substructure:
 
 
 def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:
-    """The model as another program gives it."""
+    """The model as bare matrices, as another program would give it."""
     told = {"M": rom.M.copy(), "K": rom.K.copy(), "D": rom.D.copy(), "V": rom.V.copy(), "kinds": list(rom.kinds),
             "full_interface": rom.full_interface.copy(), "dofs": rom.interface_dofs, "cutoff": rom.cutoff}
     if len(rom.interface):
@@ -64,7 +64,7 @@ def as_matrices(rom: fs.ReducedSubstructure, *left_out: str) -> dict[str, Any]:
 
 def is_fault(given: dict[str, Any], changed: dict[str, Any], rom: fs.ReducedSubstructure,
              full: fs.Substructure) -> bool:
-    """Whether a change exceeds rounding, and without V is more than another order, sign or scale of coordinates."""
+    """Whether a change exceeds rounding and, without V, is more than a different order, sign or scale of coordinates."""
     for key in "MK":
         A, B = given[key], changed[key]
         size = np.sqrt(np.abs(np.outer(A.diagonal(), A.diagonal())))

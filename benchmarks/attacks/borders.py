@@ -1,4 +1,4 @@
-"""Borders of stability by several ways: contacts with kinks, solvers that must agree, reduced models, and where modes meet.
+"""Borders of stability by several methods: contacts with kinks, solvers that must agree, reduced models, and meetings of modes.
 
 kinks     Contacts and laws with kinks and jumps over their parameter, declared affine or not, with knots or without. The number
           of growing eigenvalues that follows from losses and regains is compared with LAPACK's count in the state matrix, made
@@ -32,15 +32,15 @@ KINKS = ("table", "table with knots", "two contacts", "stiffness", "declared", "
 SOLVERS = ("flutter", "hopf", "divergence", "undamped")
 TWINS = ("twin beams", "free interface", "joined", "tolerance")
 MEETINGS = ("circulatory", "blocks", "through a pair", "damped alike", "damped", "veering", "symmetric")
-GRID = 300  # values of a law with kinks
-CLEAR = 1e-9  # of the largest |λ|: Re λ that counts as growing or not
-BESIDE = 1e-7  # of the range around a crossing
-SAME = 1e-7  # of the range, beside the widths: two values of one loss
-LIKE = 1e-5  # relative difference of two frequencies; near a coalescence the square root of SAME
-OFF = 0.035  # of a slope of a reduced model
-FINE = 4001  # values of a grid on which modes meet
-GAP = 1e-3  # of two λ of about 2 that are one but for rounding
-APART = 1e-6  # of the range: a meeting named is the one of the reference
+GRID = 300  # number of values of a law with kinks
+CLEAR = 1e-9  # share of the largest |λ|: a larger |Re λ| is certainly growing or decaying
+BESIDE = 1e-7  # share of the range around a crossing that is not compared
+SAME = 1e-7  # share of the range, in addition to the widths, within which two values are the same loss
+LIKE = 1e-5  # relative difference of equal frequencies; near a coalescence the square root of SAME
+OFF = 0.035  # relative error of a reduced model's slope that needs a warning
+FINE = 4001  # number of grid values on which meetings of modes are searched
+GAP = 1e-3  # difference of two λ of about 2 that are equal up to rounding
+APART = 1e-6  # share of the range within which a meeting is the meeting of the reference
 
 
 # -- kinks
@@ -98,7 +98,7 @@ class Declared(Table):
 
 @attack("kinks", KINKS, seed_first=True, silent=False)
 def kinks(kind: str, rng: Random) -> str:
-    """One random case: the evidence if it is right."""
+    """One random case: the evidence if the result is right."""
     model = rubbed_model(rng)
     lo = float(rng.uniform(0.05, 0.5))
     hi = lo + float(10.0 ** rng.uniform(-0.5, 1.0))
@@ -135,7 +135,7 @@ def kinks(kind: str, rng: Random) -> str:
         return f"wrong: the kinks at {edges} contradict the declaration, but nothing is said"
     steps = narrow * np.array([-1.0, -0.5, -0.1, 0.1, 0.5, 1.0])
     p = np.concatenate([np.linspace(lo, hi, GRID), *(edge + np.append(steps, steps * 1e-3) * (hi - lo) for edge in edges)])
-    # nothing is said where rounding decides: beside crossings and what is left open
+    # not compared where rounding decides: beside crossings and open intervals
     events = np.append(crossings(found)[0], [end for part in found.open for end in part])
     p = p[(p > lo) & (p < hi) & (np.abs(p[:, None] - events).min(axis=1, initial=np.inf) > BESIDE * (hi - lo))]
 

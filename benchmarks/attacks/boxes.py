@@ -33,8 +33,8 @@ KINDS = ("light", "strong", "negative", "gyroscopic", "circulatory", "mixed")
 THETAS: tuple[Any, ...] = (
     "speed", "mu", "load", lambda speed: speed**2, lambda speed: 1 / speed, lambda load: load**-2, lambda mu, load: mu * load,
     lambda mu, speed: mu / speed, lambda speed, load: speed * load, lambda mu, speed, load: mu * load / speed**2)
-ROUNDING = 1e-10  # of the top of the band: a smaller radius is not compared with the error of the dense reference
-BESIDE = 1e-5  # of the top of the band: λ nearer to an edge or a contour count on neither side; of a range: the last to bisect
+ROUNDING = 1e-10  # share of the band's top: a smaller radius is not compared with the error of the dense reference
+BESIDE = 1e-5  # share of the band's top: λ nearer to an edge or contour are not compared; share of a range that ends bisection
 
 
 @attack("boxes", KINDS)
@@ -47,7 +47,7 @@ def boxes(kind: str, rng: Random) -> str:
         small = fs.reduce(full, box)
     except fs.FemsubError as error:
         return f"refused: {type(error).__name__}: {error}"
-    # dense solutions at corners, at random values and on a line: fewer of larger models, as each takes n³
+    # dense solutions at corners, at random values and on a line; fewer for larger models, since each takes n³
     count = int(np.clip(6e7 / full.size**3, 3, 24))
     points, name = [at_random(ranges, rng) for _ in range(max(2, count // 2))], str(rng.choice(list(ranges)))
     line = [{**points[-1], name: float(value)} for value in np.linspace(*ranges[name], count + 2)]
@@ -79,7 +79,7 @@ def family(kind: str, rng: Random) -> tuple[fs.Affine, dict[str, tuple[float, fl
     hi = float(omega[kept] + rng.uniform(0.2, 0.8) * (omega[kept + 1] - omega[kept]))
 
     def spots() -> Array:
-        """Weights of a few DOF, or of all."""
+        """Weights of a few DOF, or of all DOF."""
         few = np.isin(np.arange(n), rng.choice(n, int(rng.integers(1, 6)), replace=False))
         return np.asarray(rng.uniform(0.2, 1.0, n) * (few if rng.random() < 0.6 else 1.0))
 
@@ -126,7 +126,7 @@ def family(kind: str, rng: Random) -> tuple[fs.Affine, dict[str, tuple[float, fl
     unit = 10.0 ** rng.uniform(-2, 4)  # of time
 
     def given(A: Array) -> Any:
-        """Sparse, or in coordinates in which it is full, symmetric or skew as it was."""
+        """The matrix, sparse, or dense in other coordinates with the same symmetry."""
         if turn is None:
             return sp.csr_array(A)
         upper, lower = (turn.T @ (A + sign * A.T) @ turn / 2 for sign in (1, -1))
@@ -186,7 +186,7 @@ def judged(full: fs.Affine, small: Any, point: dict[str, float], exact: Array) -
 
 
 def contradicts(stable: bool | None, value: complex, bar: float) -> bool:
-    """Whether λ surely lies on the other side of the axis than a verdict says."""
+    """Whether the sign of Re λ certainly contradicts a verdict."""
     return stable is not None and (value.real > bar if stable else value.real < -bar)
 
 
@@ -196,7 +196,7 @@ def spectrum(full: fs.Affine, point: Mapping[str, float]) -> Array:
 
 
 def newton(pencil: fs.Pencil, value: complex) -> tuple[complex, float]:
-    """λ next to a value, by two-sided Rayleigh quotients, and what rounding may do to it."""
+    """λ next to a value, by two-sided Rayleigh quotients, and its possible change by rounding."""
     M, D, K = (dense(part) for part in (pencil.M, pencil.D, pencil.K))
     x = y = np.random.default_rng(0).standard_normal(len(M)) + 0j
     for _ in range(5):
@@ -223,7 +223,7 @@ def along(full: fs.Affine, small: Any, name: str, line: list[dict[str, float]], 
         return exact[(np.abs(exact.imag) >= lo) & (np.abs(exact.imag) <= hi) & (exact.real > shift)]
 
     def near(omega: float, p: float) -> tuple[complex, float]:
-        """λ of the full model next to iω, and the radius of that of the small one."""
+        """λ of the full model next to iω, and the radius of the small model's λ."""
         exact, modes = spectrum(full, {**others, name: p}), small.modes(**{**others, name: p})
         found, size = np.append(modes.eigenvalues, np.inf), np.append(modes.error_bar, 0.0)
         return complex(exact[np.argmin(np.abs(exact - 1j * omega))]), float(size[np.argmin(np.abs(found - 1j * omega))])

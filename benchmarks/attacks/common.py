@@ -1,4 +1,4 @@
-"""What attacks share: a case with its own generator and its seed in what it reports, small models, and spectra by other means."""
+"""Common parts of attacks: cases with their own random generator and seed, small models, and independently computed spectra."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from femsub.checks import Array
 Random = np.random.Generator
 
 
-#: what can be attacked: by name the kinds of cases, and the function of a kind and a seed
+#: the subjects of attacks by name: the kinds of cases, and a function of a kind and a seed
 SUBJECTS: dict[str, tuple[Sequence[str], Callable[[str, int], str]]] = {}
 
 
 def attack(subject: str, kinds: Sequence[str], seed_first: bool = False, silent: bool = True) -> Callable[
         [Callable[[str, Random], str]], Callable[[str, int], str]]:
-    """Puts a function of a kind and a generator among the SUBJECTS, as one of a kind and a seed; what is wrong begins with it.
+    """Adds a function of a kind and a generator to SUBJECTS, as a function of a kind and a seed. Its texts contain the seed.
 
-    The generator is seeded with the place of the kind and the seed, in this order or, with `seed_first`, in the other one.
+    The generator is seeded with the place of the kind and the seed, in this order or, with `seed_first`, in reverse order.
     """
     def made(case: Callable[[str, Random], str]) -> Callable[[str, int], str]:
         @wraps(case)
@@ -47,7 +47,7 @@ def attack(subject: str, kinds: Sequence[str], seed_first: bool = False, silent:
 
 
 def heard(call: Callable[..., Any], *args: Any, **options: Any) -> tuple[Any, fs.FemsubError | None, list[Warning]]:
-    """What a call returned (None if it was refused), the refusal, and the warnings."""
+    """The result of a call (None if it was refused), the error that refused it, and the warnings."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -62,7 +62,7 @@ def dense(A: Any) -> Array:
 
 
 def positive(rng: Random, n: int, least: float) -> Array:
-    """A random positive definite matrix, whose eigenvalues are not below `least`."""
+    """A random positive definite matrix with eigenvalues of at least `least`."""
     A = rng.standard_normal((n, n))
     return np.asarray(A @ A.T / n + least * np.eye(n))
 
@@ -82,13 +82,13 @@ def grid_pairs(place: Array) -> Array:
 
 
 def row_of_springs(springs: Array) -> Array:
-    """K of a row of masses: springs[i] is before mass i, and one more than masses holds the last."""
+    """K of a row of masses: springs[i] is before mass i, and a last spring is behind the last mass."""
     n = len(springs) - 1
     return stiffness(n, [(i - 1, i if i < n else -1) for i in range(n + 1)], springs)
 
 
 def null_space(B: Array, basis: Array, rank: float) -> Array:
-    """The motions of a basis that B annuls: its singular values up to `rank` are 0."""
+    """The motions x of a basis with B x = 0. Singular values up to `rank` count as 0."""
     if not len(B) or not basis.shape[1]:
         return basis
     values, V = np.linalg.svd(B @ basis)[1:]
@@ -102,7 +102,7 @@ def eigenvalues(M: Array, D: Array, K: Array) -> Array:
 
 
 def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix, shift: Any = None) -> list[mp.mpc]:
-    """The same in the digits that mpmath works with; with a `shift` all finite ones, of a singular M too, by 1/(λ - shift)."""
+    """All λ in mpmath's working precision. With a `shift`, all finite λ, also for a singular M, by 1/(λ - shift)."""
     if shift is not None:
         found = exact_eigenvalues(K + shift * D + shift * shift * M, D + 2 * shift * M, M)
         least = max(abs(value) for value in found) * mp.mpf(10) ** -20
@@ -117,7 +117,7 @@ def exact_eigenvalues(M: mp.matrix, D: mp.matrix, K: mp.matrix, shift: Any = Non
 
 
 def crossed(spectrum: Callable[[float], Array], grid: Array, shortest: float) -> list[tuple[float, float]]:
-    """(p, ω) where λ cross the axis: between values of the grid at which other numbers grow, by bisection."""
+    """(p, ω) at which λ cross the axis, by bisection between grid values with different numbers of growing λ."""
     def grown(p: float) -> int:
         return int((spectrum(p).real > 0).sum())
 
@@ -129,7 +129,7 @@ def crossed(spectrum: Callable[[float], Array], grid: Array, shortest: float) ->
         m = (a + b) / 2
         if before != after and b - a < shortest:
             z = spectrum(b if after > before else a)
-            z = z[(z.imag >= 0) & (z.real > 0)]  # what has just begun to grow, or is about to end; not what is damped lightly
+            z = z[(z.imag >= 0) & (z.real > 0)]  # λ near the crossing, not lightly damped ones
             exact += [(m, float(value.imag)) for value in z[np.argsort(z.real)[:max(1, abs(after - before) // 2)]]]
         elif before != after:
             waiting += [(a, m, before, middle := grown(m)), (m, b, middle, after)]
@@ -137,16 +137,16 @@ def crossed(spectrum: Callable[[float], Array], grid: Array, shortest: float) ->
 
 
 def crossings(found: fs.CriticalValue) -> tuple[Array, Array]:
-    """Where eigenvalues cross the axis, ascending, and by how many more grow after each, beginning with 0."""
+    """The values at which eigenvalues cross the axis, ascending, and the change of the number that grow, beginning with 0."""
     events = sorted([(one.value, 2 if one.omega else 1) for one in found.losses]
                     + [(one.value, -2 if one.omega else -1) for one in found.regains])
     return np.array([value for value, _ in events]), np.cumsum([0, *(step for _, step in events)])
 
 
 def miscounted(found: fs.CriticalValue, points: Any, count: Callable[[float], int | None]) -> list[str]:
-    """Where other numbers grow than the losses and regains add up to, up to three places.
+    """Up to three places at which the number of growing eigenvalues contradicts the losses and regains.
 
-    `count` gives the number at a value, None where rounding decides. Open intervals are left out.
+    `count` returns the number at a value, or None if rounding decides. Open intervals are left out.
     """
     values, change = crossings(found)
     told = list[str]()
@@ -158,7 +158,7 @@ def miscounted(found: fs.CriticalValue, points: Any, count: Callable[[float], in
 
 
 def misfit(found: Array, bars: Array, exact: Sequence[Any]) -> str:
-    """What lies further from its exact λ than its bar and the last digit of λ, paired one to one; nothing if all fit."""
+    """The λ that is further from its exact λ than its error bar and its last digit, in pairs one to one; '' if all fit."""
     there = [mp.mpc(value) for value in found]
     room = [mp.mpf(bar) + abs(value) * mp.mpf(2.0**-53) + mp.mpf(10) ** -400 for value, bar in zip(there, bars, strict=True)]
     excess = np.array([[float(mp.log10(abs(value - other) / size)) for other in exact]

@@ -1,12 +1,12 @@
 """`critical_value` against counts in 60 digits, closed forms and dense scans.
 
-At many values of the parameter, and just beside each crossing told, the number that grows must be what the losses and regains
-add up to. Kinds with a closed form are sums of scalar oscillators λ² + d(p)λ + k(p), mixed by a congruence of few binary digits:
-there frequency, shape and place of each crossing are known.
+At many values of the parameter, and just beside each reported crossing, the number of growing eigenvalues must agree with the
+losses and regains. Kinds with a closed form are sums of scalar oscillators λ² + d(p)λ + k(p), mixed by a congruence of few binary
+digits: frequency, shape and place of each crossing are known.
 
-Other kinds have a dense scan with bisection as their reference: the first five; oscillators beside a damped chain that pass
-through the band at any speed, and chains that stiffen as a whole, which are followed; and contacts that declare to be affine, in
-which large terms cancel. Of these but the first five 'refused' counts what is not checked.
+The reference of the other kinds is a dense scan with bisection. These are the first five kinds; oscillators beside a damped chain
+that pass through the band at any speed, and chains that stiffen as a whole, which are followed; and contacts that declare
+themselves affine, in which large terms cancel. In the latter kinds 'refused' counts results that are not checked.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def problem(seed: int) -> Problem:
 
 
 def counter(task: Problem) -> Callable[[float], int | None]:
-    """How many eigenvalues grow at p, None where their real parts are rounding."""
+    """The number of growing eigenvalues at p; None if their real parts are rounding."""
     def grown(p: float) -> int | None:
         M, D, K = (sum(((p if theta == "p" else theta(p) if callable(theta) else theta) * A for theta, A in terms),
                        np.zeros((task.family.size,) * 2)) for terms in (task.family.M, task.family.D, task.family.K))

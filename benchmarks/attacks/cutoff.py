@@ -1,8 +1,8 @@
-"""Reduced models asked in bands below, at and above their cut-off, in every form in which they come, by every analysis.
+"""Every analysis of reduced models in all forms, in bands below, at and above their cut-off.
 
 The reference is the cut-off by LAPACK: the lowest frequency of the modes that a basis leaves out. Two modes of the full model,
-which may lie above it, flutter under friction. No band above the cut-off may get an answer with evidence, none below it be
-refused, and an answer without a band must say where it ends and hold no loss beyond.
+which may lie above the cut-off, flutter under friction. An answer for a band above the cut-off must have no evidence, and a band
+below it must not be refused. An answer without a band must state where it ends, and contain no loss beyond.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from benchmarks.attacks.common import Random, attack, row_of_springs
 
 KINDS = ("complex modes", "critical value", "sweep", "track", "slope", "normal modes", "study")
 FORMS = ("model", "system", "twice", "affine", "affine by cut-off", "affine twice", "fixed", "basis alone")
-SAFE = 1e-6  # relative distance of a band's end to the cut-off
-TOP = 1e4  # an end of a band far above all
+SAFE = 1e-6  # relative distance of a band's end from the cut-off
+TOP = 1e4  # end of a band far above all frequencies
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Case:
     model: Any
     contacts: Any
     cutoff: float
-    highest: float  # frequency of the full model
+    highest: float  # highest frequency of the full model
 
     @property
     def pencil(self) -> fs.Pencil:

@@ -1,7 +1,7 @@
-"""`harmonic_balance` of chains of 1 or 2 masses on a belt against shooting: the error stated holds, or there is a warning.
+"""`harmonic_balance` of chains of 1 or 2 masses on a belt against shooting: the stated error holds, or there is a warning.
 
-A refusal is right where steady sliding is stable by NumPy's eigenvalues and no start was given, and where the motion in time
-comes to no periodic motion in ten times as long a time: it decays, or does not repeat itself.
+A refusal is right in two cases: steady sliding is stable by NumPy's eigenvalues and no start was given; or the motion does not
+become periodic in ten times as long a time, since it decays or does not repeat itself.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from benchmarks.attacks.common import Random, attack, eigenvalues, row_of_spring
 from femsub.motion.cycles.initial_guess import of_signal
 
 KINDS = ("from a transient", "given harmonics", "by itself")
-SLACK = 2.0  # the error stated is an estimate to first order
+SLACK = 2.0  # the stated error is a first-order estimate
 
 
 @attack("cycles", KINDS, seed_first=True)
@@ -72,7 +72,7 @@ def attacked(kind: str, rng: Random) -> str:
 
 
 def _advised(model: fs.Substructure, belt: fs.Belt, run: fs.Transient, advice: str) -> int:
-    """The number of harmonics that a refusal leads to, if they converge; else 0."""
+    """The number of harmonics that the message of a refusal recommends, if it converges; otherwise 0."""
     while found := re.search(r"harmonics=(\d+)", advice):
         try:
             fs.harmonic_balance(model, belt, start=run, harmonics=int(found[1]))
@@ -86,9 +86,9 @@ def _advised(model: fs.Substructure, belt: fs.Belt, run: fs.Transient, advice: s
 
 
 def settled(run: fs.Transient, off: float = 0.02) -> bool:
-    """Whether the transient has come to a periodic motion: its last period, by the autocorrelation, repeats the one before.
+    """Whether the transient has become periodic: its last period, by the autocorrelation, repeats the period before it.
 
-    Up to the share `off` of its size, in the mean, with the period that fits best.
+    The mean difference may be the share `off` of the motion's size, with the period that fits best.
     """
     speed = run.velocity("belt")
     quarter = len(speed) // 4

@@ -1,4 +1,4 @@
-"""Complex eigenvalues against references in many digits, or LAPACK's on a companion matrix, one to one within their bars.
+"""Complex eigenvalues against references in many digits, or by LAPACK from a companion matrix, one to one within error bars.
 
 bars        Small pencils with M, D and K up to 40 orders of magnitude apart, against 150 digits.
 structural  Every solution of λ²M + λD + K ± iH under friction: the λ of the upper sign above the real axis, their conjugates, and
@@ -338,7 +338,7 @@ def finite(parts: dict[str, fs.Substructure], T: mp.matrix, belts: list[tuple[st
 
 
 def floating(parts: dict[str, fs.Substructure], T: mp.matrix) -> int:
-    """How many motions cost nothing within rounding of K, its DOF in units of energy."""
+    """The number of motions without energy, within the rounding of K in units of energy."""
     basis = np.array(T.tolist(), dtype=float)
     K = basis.T @ la.block_diag(*(dense(one.K) for one in parts.values())) @ basis
     unit = np.where(K.diagonal() > 0, K.diagonal(), 1.0) ** -0.5
@@ -346,7 +346,7 @@ def floating(parts: dict[str, fs.Substructure], T: mp.matrix) -> int:
 
 
 def fault(modes: fs.ComplexModes, exact: list[mp.mpc], free: int) -> str:
-    """What does not fit, or nothing."""
+    """The first disagreement, as text; '' if all λ agree."""
     found = modes.eigenvalues
     if sorted(found.tolist(), key=lambda z: (z.real, z.imag)) != sorted(found.conj().tolist(), key=lambda z: (z.real, z.imag)):
         return "a pair is split"

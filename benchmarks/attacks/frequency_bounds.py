@@ -1,7 +1,7 @@
 """Bounds of frequencies from reduced matrices alone: one step and several, modes scaled and mixed, equal and soft parts.
 
-The reference are the frequencies of the full model by LAPACK, all of them, or in 50 digits where soft and stiff parts would take
-its digits. A bound on the wrong side is wrong, whatever the evidence is.
+The reference is all frequencies of the full model by LAPACK, or in 50 digits if soft and stiff parts would cost LAPACK its
+digits. A bound on the wrong side is wrong, whatever the evidence is.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def _method(random: Random, sub: fs.Substructure) -> fs.CraigBampton:
 
 
 def _mixed(random: Random, rom: fs.ReducedSubstructure) -> fs.ReducedSubstructure:
-    """By hand, as from a file: what leaves the interface at rest scaled, permuted or mixed, and all of it called modes."""
+    """A model as from a file: coordinates with the interface at rest are scaled, permuted or mixed, and all called modes."""
     inner = np.array([kind not in ("constraint", "rigid") for kind in rom.kinds], dtype=bool)
     m, how = int(inner.sum()), int(random.integers(4))
     T = np.diag(10.0 ** random.uniform(-4, 4, m))

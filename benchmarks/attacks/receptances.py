@@ -1,7 +1,7 @@
-"""Receptances against the stored matrices in 64 bits of mantissa: no entry is further off than its bound, by any method.
+"""Receptances against the stored matrices in 64 bits of mantissa: the error of no entry exceeds its bound, by any method.
 
-The reference is an LU in long double of the matrices as they are stored. That of joined parts is the primal system, that of
-virtual points the least-squares motion, by Gram-Schmidt in long double.
+The reference is an LU in long double of the matrices as they are stored. For joined parts it is the primal system, for virtual
+points the least-squares motion, by Gram-Schmidt in long double.
 """
 
 from __future__ import annotations

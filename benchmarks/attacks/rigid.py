@@ -1,11 +1,11 @@
 """Floating, damped parts by eight methods: as many eigenvalues at 0 and rigid modes as the geometry says, and none that grows.
 
 In the kind "soft", springs down to 1e-12 of the stiffness join the pieces. The next frequency is known from modes of the pieces.
-In the kind "fine", a beam, plate or solid has so many elements that the first elastic ω² comes near to the rounding of K, or is
-below it. The next frequency is known from a beam of few elements, with 30 digits.
+In the kind "fine", a beam, plate or solid has so many elements that the first elastic ω² is near the rounding of K, or below it.
+The next frequency is known from a beam of few elements, with 30 digits.
 
-The reference is exact rigid motion from the coordinates of the nodes, in units of the part's length, and the rank of what joints,
-springs and dashpots make of it. All damping takes energy away, so that no mode may be called unstable.
+The reference is exact rigid motion from the coordinates of the nodes, in units of the part's length, and the rank of the
+conditions by joints, springs and dashpots on it. All damping dissipates energy, so no mode may be called unstable.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def _judged(what: str, models: Sequence[fs.Substructure], parts: list[Part], equ
 
 
 def _free(B: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """The motions of a basis that B annuls, its rows in one size."""
+    """The motions x of a basis with B x = 0, with rows of equal size."""
     size = np.linalg.norm(B, axis=1)
     return null_space(B[size > 0] / size[size > 0, None], basis, RANK)
 

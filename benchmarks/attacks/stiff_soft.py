@@ -13,13 +13,13 @@ import femsub as fs
 from benchmarks.attacks.common import Random, attack, heard
 
 KINDS = ("stiff-soft chains", "random stiff-soft", "written with few digits", "free lumps")
-SURE = 1e-7  # relative error of ω² that is allowed beside that of rounding in K
+SURE = 1e-7  # relative error of ω² that is allowed in addition to the rounding in K
 ROUNDINGS = 20  # changes of each entry by one rounding, see `NormalModes.rounding`
 DIGITS = 40  # of mpmath
 HOLDS = 1e-3  # ratio of the lowest ω² of a mount to its highest
 EXACT = 1e-12  # relative error of ω² that lumps may have beside their rounding
-DUST = 4e-15  # of the energy of the forces that cancel: what is left in a mode below it is within the rounding of K
-LEAST = 1e-14  # of K: a mount of less than a hundred times that is within the rounding of an assembly
+DUST = 4e-15  # share of the energy of the forces that cancel: a smaller energy of a mode is within the rounding of K
+LEAST = 1e-14  # share of K: a mount softer than a hundred times this is within the rounding of an assembly
 
 
 def _chain(rng: Random) -> str:
@@ -70,7 +70,7 @@ def _compared(sub: fs.Substructure, exact: np.ndarray, rng: Random) -> str:
 
 
 def _beyond(modes: fs.NormalModes, exact: np.ndarray, sure: float, roundings: float) -> str:
-    """What is wrong with ω² of the elastic modes: a relative error above `sure` and as many roundings of K; '' if nothing is."""
+    """The fault in ω² of the elastic modes, a relative error above `sure` plus ROUNDINGS roundings of K; '' if there is none."""
     values, rounding = modes.eigenvalues[modes.rigid:], modes.rounding[modes.rigid:]
     off = np.abs(values / exact[:len(values)] - 1)
     at = int((off / (sure + roundings * rounding)).argmax())
@@ -145,7 +145,7 @@ def _written(rng: Random) -> str:
 
 
 def _modes(sub: fs.Substructure, count: int) -> tuple[fs.NormalModes | None, bool]:
-    """The modes, None if they were refused, and whether a warning tells of digits."""
+    """The modes, None if they were refused, and whether a warning names lost digits."""
     modes, _, said = heard(fs.normal_modes, sub, count=count)
     return modes, any(isinstance(one, fs.ConditionWarning) for one in said)
 

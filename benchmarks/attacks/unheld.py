@@ -1,8 +1,8 @@
-"""Parts under friction with or without the forgotten spring: refused where friction drives a rigid motion, and there alone.
+"""Parts under friction, some with a forgotten spring: refused if friction drives a rigid motion, and only then.
 
-The reference are the rigid motions of both bodies, six numbers each: what supports, springs and the contact's normal leave of
-them, and which of these slide along the friction, by the places of the contact's corners. A slide or disc that is free to go on
-moving is no forgotten spring. Where nothing is refused, there are as many eigenvalues at 0 as the geometry says.
+The reference is the rigid motion of both bodies, six numbers each. The places of the contact's corners show which motions
+supports, springs and the contact's normal do not resist, and which of these slide along the friction. A slide or disc that is
+free to keep moving is no forgotten spring. If nothing is refused, the number of eigenvalues at 0 must follow from the geometry.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SLOW = 1e-5  # share of an elastic frequency below which a growing eigenvalue is
 
 @attack("unheld", KINDS)
 def attacked(kind: str, random: Random) -> str:
-    """'refused' where a spring is forgotten, else the evidence; or what is wrong."""
+    """'refused' if a spring is forgotten, otherwise the evidence; or a text that begins with 'wrong'."""
     model, contact, left, driven, damped = _case(random, kind)
     told = f"{driven} driven of {left}"
     words = []
@@ -68,7 +68,7 @@ def attacked(kind: str, random: Random) -> str:
 
 
 def _case(random: Random, kind: str) -> tuple[fs.Substructure, fs.FrictionContact, int, int, bool]:
-    """The model, its contact, how many rigid motions are left and how many of them are driven, and whether M damps."""
+    """The model, its contact, the number of rigid motions left, how many of them friction drives, and whether D contains αM."""
     scale = 10.0 ** random.uniform(-2, 2)
     steel = fs.Material(10.0 ** random.uniform(7, 12), 0.3, 10.0 ** random.uniform(2, 4))
     a, b = random.uniform(0.02, 0.05, 2) * scale
@@ -120,7 +120,7 @@ def _case(random: Random, kind: str) -> tuple[fs.Substructure, fs.FrictionContac
     along = [np.cross([0, 0, 1.0], x - centre) if turning else np.array([np.cos(angle), np.sin(angle), 0.0]) for x in inside]
     along = [t / np.linalg.norm(t) for t in along]
     slips = np.vstack([row("pad", x, t) - row("slide", x, t) for x, t in zip(inside, along, strict=True)])
-    # what goes on by itself: the slide's own motion along the sliding, if it is free to
+    # steady sliding: the slide's own motion along the sliding direction, if it is free
     spin = np.cross([0, 0, 1.0], origin["slide"] - centre) / scale
     own = np.concatenate([np.zeros(6), spin if turning else along[0], [0, 0, 1.0] if turning else np.zeros(3)])[:, None]
     free = own if kind != "ground" and np.abs(np.vstack([*rows, *press]) @ own).max() < RANK else own[:, :0]

@@ -1,4 +1,4 @@
-"""Components made here: chain, beam, plate, solid, and their meshes. In: geometry and material. Out: a `Substructure`."""
+"""Components: chain, beam, plate, solid, and their meshes. In: geometry and material. Out: a `Substructure`."""
 
 import lazy_loader
 

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
 
 LABELS = ("w", "w,x")
-#: which of w and w,x a support holds
+#: the indices of w (0) and w,x (1) that each support holds
 SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0,), "guided": (1,), "clamped": (0, 1)}
-#: which of the six motions a support holds
+#: the indices of the six motions that each support holds
 SPACE_SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0, 1, 2), "clamped": (0, 1, 2, 3, 4, 5)}
-#: of an element's 12 DOF: stretching, torsion, and (v, v,x = θz), (w, w,x = -θy) at both ends
+#: indices among an element's 12 DOF: stretching, torsion, and (v, v,x = θz), (w, w,x = -θy) at both ends
 STRETCH, TWIST, ACROSS, UP = (np.array(at) for at in ((0, 6), (3, 9), (1, 5, 7, 11), (2, 4, 8, 10)))
 SLOPES = np.array([1.0, -1.0, 1.0, -1.0])
 
@@ -48,13 +48,13 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
 
     K = Σ_e ∫ EI N''N''ᵀ + k_f NNᵀ dx, M = Σ_e ∫ ρA NNᵀ dx with the cubics N of (w, w,x) at both ends, (n, n).
     This is bending in one plane, without rotary inertia and shear: EI w'''' + k_f w + ρA ẅ = 0. Each node has the DOF w and
-    w,x (labels of the DOF map). w is uz, and w,x is -ry: `Kinematic` and `Averaged` mind the sign, and lists of DOF that join w,x
-    to ry are refused. For joints with solids and nodes at any place there is `space_beam`. Nodes count from 1, from the left end
+    w,x (labels of the DOF map). w is uz, and w,x is -ry: `Kinematic` and `Averaged` use this sign, and lists of DOF that join w,x
+    to ry are refused. For joints with solids, and for nodes at any place, use `space_beam`. Nodes count from 1, from the left end
     at x = 0. Held DOF are removed. A pinned beam has ω_k² = (kπ/L)⁴ EI/ρA + k_f/ρA; the error of ω² falls with the fourth power
     of the element's length.
 
     Any consistent units: m, kg, s with E in Pa; or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9), I in mm⁴,
-    A in mm². ω is in rad/s in both.
+    A in mm². ω is in rad/s in both systems.
 
     Parameters
     ----------
@@ -68,9 +68,9 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     supports : mapping of place to str
         'clamped', 'pinned', 'guided' (w,x held, w free) or 'free', at 'left', 'right' or the x of a node. Default: free.
     interface : sequence of places
-        The DOF of these nodes that are not held. Each place names an interface set, 'left' or '0.3'.
+        The DOF of these nodes that are not held become interface DOF. Each place names an interface set, 'left' or '0.3'.
     ports : mapping of str to place, or to (place, label)
-        The deflection w at the place, or the slope with the label 'w,x'.
+        The deflection w at the place, or with the label 'w,x' the slope.
     rayleigh : (alpha, beta), optional
         D = αM + βK; use `damped` for any other damping.
 
@@ -146,7 +146,7 @@ def element_lengths(length: float, elements: int | Sequence[float]) -> tuple[Arr
                              f"{elements!r:.80}")
         return x, np.diff(x)
     count = whole_number("elements", elements, least=1)
-    # 16 entries of K and M, each with row and column, and four copies while they are summed
+    # 16 entries of K and of M for each element, with their rows and columns, and four copies while they are summed
     check_room(f"a beam of {count:.3g} elements", 2 * 16 * 16 * 4.0 * count)
     x = np.arange(count + 1) * (size / count)
     return x, np.full(count, x[-1] / count)  # exactly equal, unlike differences of x
@@ -163,12 +163,12 @@ def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: An
                up: Sequence[float] = (0.0, 0.0, 1.0), supports: Mapping[Any, str] | None = None, interface: Sequence[Any] = (),
                ports: Mapping[str, Any] | None = None, rayleigh: tuple[float, float] | None = None,
                name: str = "beam") -> Substructure:
-    """A beam in space: EA u'', GJ θ'', EI_z v and EI_y w against ρA ü, ρ(I_y + I_z) θ̈, ρA v̈ and ρA ẅ.
+    """A beam in space: EA u'' = ρA ü, GJ θ'' = ρ(I_y + I_z) θ̈, EI_z v'''' = -ρA v̈, EI_y w'''' = -ρA ẅ.
 
-    Each element has 12 DOF: at both ends ux, uy, uz, rx, ry, rz in the directions of x, y, z of all parts. So its ends can be
-    joined to solids and nodes by `Kinematic`, `Averaged`, `Rigid` and `Spring`. Displacements along and torsion are linear in an
-    element, those across are the cubics of `beam`. Shear and the rotary inertia of bending are left out, as there. With points
-    that do not lie on a line it is a frame with rigid corners.
+    Each element has 12 DOF: ux, uy, uz, rx, ry, rz at both ends, along and about the global axes x, y, z. So its ends can be
+    joined to solids and nodes by `Kinematic`, `Averaged`, `Rigid` and `Spring`. Axial displacements and torsion are linear in an
+    element, lateral displacements are the cubics of `beam`. Shear and the rotary inertia of bending are neglected, as in `beam`.
+    With points that do not lie on a line it is a frame with rigid corners.
 
     Any consistent units, as for `beam`.
 
@@ -177,21 +177,21 @@ def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: An
     points : array_like, shape (p, 3)
         The two ends, or the ends and corners one after the other.
     elements : int or sequence of int
-        Equal elements between one point and the next, one number for all or one each.
+        The number of equal elements between one point and the next: one number for all spans, or one for each.
     E, G, rho, A : float or array_like, one per element
         Young's modulus, shear modulus, density, area; all positive.
     I : float or (I_y, I_z)
-        Second moments of area about the section's y and z; each a number, or one per element. One number is both.
+        Second moments of area about the section's y and z; each a number, or one per element. A single number means I_y = I_z.
     J : float or array_like, one per element
-        Torsion constant: of a circle I_y + I_z, of other sections less.
+        Torsion constant: I_y + I_z for a circle, less for other sections.
     up : array_like, shape (3,)
         The section's z is normal to the beam, in the plane of the beam and `up`. Its y is z × x, with x along the beam.
     supports : mapping of place to str
         'clamped', 'pinned' (ux, uy, uz held) or 'free', at 'left' (the first point), 'right' (the last) or (x, y, z), a node.
     interface : sequence of places
-        All six DOF of these nodes; each place names an interface set.
+        All six DOF of these nodes become interface DOF. Each place names an interface set.
     ports : mapping of str to (place, motion)
-        Where forces or contacts act, as {"load": ("right", "uz")}.
+        The motions on which forces or contacts act, as {"load": ("right", "uz")}.
     rayleigh : (alpha, beta), optional
         D = αM + βK.
 
@@ -278,7 +278,7 @@ def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: An
 
 
 def nodes_along(points: Any, elements: Any) -> Array:
-    """The nodes (m + 1, 3) of equal elements between points, one after the other."""
+    """The nodes (m + 1, 3) of equal elements between consecutive points."""
     corners = real_array("points", points)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 2:
         raise InputError(f"points must be two or more, (x, y, z) each, but their shape is {corners.shape}")
@@ -297,7 +297,7 @@ def nodes_along(points: Any, elements: Any) -> Array:
 
 
 def frames(along: Array, up: Any) -> Array:
-    """R (m, 3, 3): the section's x, y and z as rows, x along each element and z as near as can be to `up`."""
+    """R (m, 3, 3) with the section's x, y and z as rows: x along each element, and z as near as possible to `up`."""
     given = real_array("up", up)
     if given.shape != (3,) or not given.any():
         raise InputError(f"up must be three numbers, not all 0, but is {up!r:.80}")

@@ -19,8 +19,8 @@ OPPOSITE = ((1, 2), (2, 0), (0, 1))
 def hermite() -> dict[tuple[int, int], Array]:
     """A_ab = ∫ N⁽ᵃ⁾ N⁽ᵇ⁾ᵀ dξ over [0, 1], (4, 4), for the cubics N of the DOF (w, w') at 0 and (w, w') at 1.
 
-    All are multiples of 1/420 and are rounded to these, so that rigid motion has exactly zero energy. A fine beam needs this:
-    cancellation in its K grows with the fourth power of the number of elements.
+    All integrals are multiples of 1/420 and are rounded to these, so that rigid motion has exactly zero energy. A fine beam needs
+    this: cancellation in its K grows with the fourth power of the number of elements.
     """
     fem = skfem()
     basis = fem.Basis(fem.MeshLine(np.array([0.0, 1.0])), fem.ElementLineHermite(), intorder=6)
@@ -36,21 +36,21 @@ HERMITE_MEAN = np.array([1 / 2, 1 / 12, 1 / 2, -1 / 12])
 
 
 def hermite_matrices(lengths: Array) -> tuple[Array, Array]:
-    """∫ N''N''ᵀ dx and ∫ NNᵀ dx, (m, 4, 4), of lines of these lengths (m,), DOF (w, w,x) at each end."""
+    """∫ N''N''ᵀ dx and ∫ NNᵀ dx, (m, 4, 4), for lines of these lengths (m,), with the DOF (w, w,x) at each end."""
     h = lengths[:, None, None]
     slopes = np.stack([np.ones_like(lengths), lengths] * 2, axis=1)
     scale = slopes[:, :, None] * slopes[:, None, :]
     return hermite()[2, 2] / h**3 * scale, hermite()[0, 0] * h * scale
 
 
-# DOF (w, w,x, w,y, w,xy) of a corner: their indices among the four DOF of the line in x and of that in y
+# for the DOF (w, w,x, w,y, w,xy) of each corner: the index of the cubic in x, and of the cubic in y
 _X = np.array([2 * i + a for i, _ in CORNERS for a in (0, 1, 0, 1)])
 _Y = np.array([2 * j + b for _, j in CORNERS for b in (0, 0, 1, 1)])
 
 
 @cache
 def _rectangle() -> tuple[Array, Array, Array, Array]:
-    """The integrals of w,xx² and w,yy², of 2ν-and-twist terms (w,xx w,yy + w,yy w,xx and w,xy²), and of w², unit square."""
+    """The integrals of (w,xx², w,yy²), of w,xx w,yy + w,yy w,xx, of w,xy² and of w² over the unit square."""
     A = hermite()
     x, y = _X, _Y
 
@@ -82,7 +82,7 @@ def bfs_integrals(sides: Array) -> Array:
 
 
 def _slopes(sides: Array) -> Array:
-    """The factors from the DOF to those on the unit square, (m, 16)."""
+    """The factors from the DOF of rectangles to the DOF of the unit square, (m, 16)."""
     a, b = sides[:, 0], sides[:, 1]
     return np.tile(np.stack([np.ones_like(a), a, b, a * b], axis=1), (1, 4))
 
@@ -141,7 +141,7 @@ def _morley_functions(corners: Array, normals: Array) -> tuple[Array, Array, Arr
     double = span[:, 0, 0] * span[:, 1, 1] - span[:, 0, 1] * span[:, 1, 0]
     gradient = np.stack([-span[..., 1], span[..., 0]], axis=-1) / double[:, None, None]
     square = np.einsum("mid,mid->mi", gradient, gradient)
-    # λ_i - λ_i² = λ_iλ_k + λ_iλ_l: products are numbered by the missing corner, so these are the other two
+    # λ_i - λ_i² = λ_iλ_k + λ_iλ_l: the products are numbered by the corner that is missing in them, so row i is 0 at i
     bubble = 1.0 - np.eye(3)
     C = np.zeros((len(corners), 6, 6))
     for j, (k, m) in enumerate(OPPOSITE):

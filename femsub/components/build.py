@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from femsub.model import DofMap
 
 CHUNK = 1 << 25  # bytes of element matrices held at a time
-LOSS = 2.0**-46  # entries are rounded to at most this share of sqrt(K_ii K_jj); more would damage rotations
+LOSS = 2.0**-46  # entries are rounded by at most this share of sqrt(K_ii K_jj); more would give rotations an energy
 
 
 def optional_mapping(name: str, value: Any, of: str) -> Mapping[Any, Any]:
@@ -48,7 +48,7 @@ def per_part(name: str, value: Any, count: int, part: str, zero: bool = False) -
 
 
 def node_at(points: Array, numbers: Array, place: Any, what: str, within: float) -> int:
-    """The row of `points` (n, d), of nodes with these numbers, that is at a place."""
+    """The row of `points` (n, d) that is at a place. `numbers` are the nodes' numbers, for messages."""
     apart = np.linalg.norm(points - place, axis=1)
     nearest = int(apart.argmin())
     if apart[nearest] > within:
@@ -74,16 +74,17 @@ def pair(name: str, value: Any, what: str) -> tuple[Any, Any]:
 
 
 def proportional(sub: Substructure, rayleigh: tuple[float, float]) -> Matrix:
-    """αM + βK of the pair (α, β), as `damped` takes it."""
+    """αM + βK for the pair `rayleigh` = (α, β)."""
     alpha, beta = (not_negative(f"{name} of rayleigh", value)
                    for name, value in zip(("alpha", "beta"), pair("rayleigh", rayleigh, "(alpha, beta)"), strict=True))
     return alpha * sub.M + beta * sub.K
 
 
 def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ...]]) -> tuple[Matrix, ...]:
-    """Σ_e of the element matrices, as (K_e, M_e), that `matrices` gives for a slice of the elements, as CSR (size, size).
+    """The assembled matrices Σ_e A_e, as K and M, in CSR (size, size).
 
-    `dofs` (m, k) numbers the DOF of each element. Both triangles are exactly alike.
+    `matrices` returns the element matrices, as (K_e, M_e), for a slice of the elements. `dofs` (m, k) are the DOF of each
+    element. The results are exactly symmetric.
     """
     pattern, step = Pattern(dofs, size), max(1, CHUNK // (8 * dofs.shape[1] ** 2))
     total: list[Array] = []
@@ -100,11 +101,11 @@ def gathered(dofs: Array, size: int, matrices: Callable[[slice], tuple[Array, ..
 def free_to_lift(K: Matrix, lift: Array) -> Matrix:
     """K with Σ_j K_ij = 0 exactly over the deflection DOF (marked by `lift`): translation has exactly zero energy.
 
-    K is the symmetric matrix of a free part in bending; it annihilates the translation up to rounding. Rounding acts like
+    K is the symmetric matrix of a free part in bending; for a translation its forces vanish up to rounding. Rounding acts like
     a spring of EPS · K_ii under each deflection, a relative change EPS · n⁴ of the lowest ω² of n elements in a row. Here
     the entries of a row are rounded to multiples of one power of two, so that their sum is exact, and the largest entry
-    takes the remainder. Then rounding changes only the energy of relative motion, by a share EPS · n². Entries that would
-    lose more than LOSS, between elements of very different length, are not changed, so that row keeps its rounding.
+    is set to minus the sum of the others. Then rounding changes only the energy of relative motion, by a share EPS · n². Entries
+    that would lose more than LOSS, between elements of very different length, are not changed, so their row keeps its rounding.
     """
     K = K.copy()
     K.sort_indices()
@@ -130,9 +131,9 @@ def free_to_lift(K: Matrix, lift: Array) -> Matrix:
 def warn_of_rounding(K: Matrix, lift: Array, whole: float, name: str, advice: str, *, growth: float, limit: float = 1e-6) -> None:
     """Warn if rounding in solves with K may change the lowest frequencies by a relative `limit` or more.
 
-    A factorisation has errors like a random spring of about EPS · K_ii under each deflection (`lift`). Compared with the
+    The errors of a factorisation act like a random spring of about EPS · K_ii under each deflection (`lift`). Relative to the
     stiffness of the `whole` part, with n elements in a row, this is a share n^3.5 EPS. The largest observed error is
-    `growth` times that.
+    `growth` times this share.
     """
     rounding = min(growth * EPS * float(np.linalg.norm(K.diagonal()[lift])) / whole, 1.0)
     if rounding > limit:
@@ -142,9 +143,9 @@ def warn_of_rounding(K: Matrix, lift: Array, whole: float, name: str, advice: st
 
 def component(K: Matrix, M: Matrix, held: Array, interface: Mapping[str, Array], ports: Mapping[str, Array], dofs: DofMap,
               rayleigh: tuple[float, float] | None, name: str, by_node: bool = False, H: Matrix | None = None) -> Substructure:
-    """The substructure of the DOF that are not held; the interface by place, the ports as columns, both for all DOF.
+    """The substructure without the held DOF. `interface` gives the DOF of each place, `ports` columns, both for all DOF.
 
-    The places are the interface sets' names, whose DOF are listed place by place; `by_node` all of them in their own order.
+    The places are the names of the interface sets. Interface DOF are listed place by place, or with `by_node` in ascending order.
     """
     loose = np.ones(dofs.size, dtype=bool)
     loose[held] = False

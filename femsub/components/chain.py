@@ -28,13 +28,13 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     n : int
         Number of masses.
     belt : int
-        The mass on the belt; **masses count from 1**, as in the paper.
+        The number of the mass on the belt; **masses count from 1**, as in the paper.
     damping : float
-        d1 ≥ 0 of the dashpot between m_1 and the wall.
+        d1 ≥ 0, the constant of the dashpot between m_1 and the wall.
     masses, springs : float or array_like, shape (n,)
         Positive; any consistent units.
     interface : sequence of int
-        Interface masses, counted from 1 (they become DOF counted from 0).
+        Interface masses, counted from 1. Their DOF are counted from 0.
     fixed : bool
         False removes the wall: k_1 is not used, and the chain floats with one rigid-body mode.
 
@@ -55,7 +55,7 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
     Substructure 'chain': 10 DOF, sparse, 28 nonzeros in K, 1 interface DOF, ports belt
     """
     n = whole_number("n", n, least=1)
-    # three entries of K in a row, each with its column, and four copies while they are made
+    # three entries of K in each row, each with its column, and four copies while they are computed
     check_room(f"a chain of {n:.3g} masses", 3 * 16 * 4.0 * n)
     mass, spring = per_part("masses", masses, n, "mass"), per_part("springs", springs, n, "spring")
     dashpot = not_negative("damping", damping)
@@ -77,7 +77,7 @@ def chain(n: int = 10, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0
 def chain_frequencies(n: int, count: int | None = None) -> Array:
     """The exact frequencies of the undamped chain of unit masses and springs: ω_j = 2 sin((2j - 1)π / (4n + 2)), j = 1 … count.
 
-    The chain is the one of `chain(n)`, with its wall. All n frequencies without `count`.
+    The chain is `chain(n)`, with its wall. Without `count`, all n frequencies are returned.
 
     Raises
     ------

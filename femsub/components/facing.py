@@ -1,4 +1,4 @@
-"""`facing`: the faces of one surface that lie opposite another one, and how much of both has a partner."""
+"""`facing`: the faces of one surface that lie opposite another surface, and the share of both areas that has a partner."""
 
 from __future__ import annotations
 
@@ -30,26 +30,26 @@ from femsub.components.surfaces import Surface, common_points, reach
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Facing:
-    """The faces of a second surface that lie opposite a first one, see `facing`.
+    """The faces of a second surface that lie opposite a first surface, see `facing`.
 
-    `Tied`, `FrictionContact` and the `interface` of `solid` take it as it is.
+    `Tied`, `FrictionContact` and the `interface` of `solid` accept a `Facing` directly.
 
     Attributes
     ----------
     first, second : (str, str)
-        Parts and sets; that of the second is a set of its own, of the nodes of these faces.
+        Part and set of each surface. The second set is a new set, with the nodes of these faces.
     meshes : mapping of str to Mesh
-        Those of both parts, the second with that set.
+        The meshes of both parts; the second mesh has the new set.
     nodes : ndarray, shape (n,)
-        As rows of the second mesh's points.
+        The nodes of the faces as rows of the second mesh's points.
     faces : ndarray, shape (f, k)
         The nodes of each face as rows of the second mesh's points, corners first.
     areas : (float, float)
-        Of the whole first surface, and of these faces of the second.
+        The area of the whole first surface, and of these faces of the second.
     coverage : (float, float)
         The share of each of these areas that has a partner, 0 to 1.
     tol : float or None
-        The largest distance that was given.
+        The largest distance, as given to `facing`.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class Facing:
                 f"{second} ({self.areas[1]:.4g}; {len(self.faces)} faces, {len(self.nodes)} nodes) have a partner")
 
     def sets_in(self, mesh: Mesh) -> dict[str, Array]:
-        """The sets of the surfaces that lie in a mesh, which is that of the first part, of the second, or of both."""
+        """The node sets of the surfaces in a mesh, which must be the mesh of the first part, of the second part, or of both."""
         found = {}
         for part, name in (self.first, self.second):
             own = self.meshes[part]
@@ -91,34 +91,35 @@ class Facing:
 
 def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mapping[str, Mesh], tol: float | None = None, *,
            name: str = "") -> Facing:
-    """The faces of a second surface that lie opposite a first one: of a disc's track the few under the pad.
+    """The faces of a second surface that lie opposite a first surface, such as the faces of a disc's track under a pad.
 
-    A face is taken if a part of it is nearer to the first surface than `tol`, and the outward normals are opposed. Nodes of
-    both surfaces need not match. The share of both areas that has a partner is computed on the common parts of the faces,
-    which have straight edges.
+    A face is included if a part of it is nearer to the first surface than `tol`, and if the outward normals are opposed. Nodes of
+    both surfaces need not match. The share of both areas with a partner is computed on the common parts of the faces, with
+    straight edges.
 
     Parameters
     ----------
     first : (part, set)
-        The surface of a solid, the smaller one: all of it should have a partner.
+        The smaller surface, of a solid: all of it should have a partner.
     second : (part, set) or part
-        Where the faces are looked for; a part alone is its whole surface.
+        The surface whose faces are searched; a part alone means its whole surface.
     meshes : mapping of str to Mesh
         The meshes of both parts, by the names of the parts.
     tol : float, optional
-        The largest distance of the surfaces, in units of length; by default 0.05 of the size of a face of the first.
+        The largest distance between the surfaces, in units of length; by default 0.05 of the size of a face of the first.
     name : str
-        That of the set of faces; by default it is made of the names of both surfaces.
+        The name of the new set; by default it contains the names of both surfaces.
 
     Warns
     -----
     PortWarning
-        A part of the first surface has no partner, with its share and area. The last digit of coordinates is no such part.
+        A part of the first surface has no partner, with its share and area. Differences in the last digit of coordinates are
+        ignored.
 
     Raises
     ------
     InputError, InputTypeError
-        An unknown part or set, a set without whole faces, cells that are not solid; surfaces that lie apart or do not face
+        An unknown part or set, a set without whole faces, cells that are not solid cells; surfaces that lie apart or do not face
         each other.
 
     Examples
@@ -156,7 +157,7 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
                "no face of one lies before a face of the other; move a part")
         raise InputError(f"{' and '.join(titles)} do not face each other: {why}")
     face, pair, w, turned = here.face[met], there.face[met], w[met], -opposed[met]
-    # faces beside those that are met overlap them by a strip as wide as the digits of the coordinates
+    # without faces that overlap only in a strip as wide as the last digits of the coordinates
     key = face * len(other.faces) + pair
     order = np.argsort(key, kind="stable")
     first_of = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -174,7 +175,7 @@ def facing(first: tuple[str, str], second: tuple[str, str] | str, meshes: Mappin
 
 
 def covered(surface: Surface, face: Array, area: Array, chosen: Array | None = None) -> float:
-    """The share of a surface, or of chosen faces of it, that areas (q,) on faces (q,) cover, each face once at most."""
+    """The share of a surface, or of its chosen faces, that areas (q,) on faces (q,) cover. No face counts more than once."""
     parts, sizes = np.bincount(face, area, len(surface.faces)), surface.sizes
     if chosen is not None:
         parts, sizes = parts[chosen], sizes[chosen]
@@ -182,12 +183,12 @@ def covered(surface: Surface, face: Array, area: Array, chosen: Array | None = N
 
 
 def digits(one: Surface, other: Surface) -> float:
-    """The length by which points that meet differ, from the digits of coordinates in files."""
+    """The distance by which coinciding points may differ, since coordinates in files have few digits."""
     return POSITION * float(max(np.abs(one.points).max(), np.abs(other.points).max()))
 
 
 def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | None, first: str, second: str) -> None:
-    """Warns that a share of the first surface alone lies on the second, but not of a border moved by the last digits."""
+    """Warns if only a share of the first surface lies on the second, unless the last digits of coordinates explain it."""
     area = float(one.sizes.sum())
     if share < 1 - digits(one, other) * one.border / area:
         within = reach(one, np.arange(len(one.faces)), tol).max()
@@ -197,7 +198,7 @@ def warn_of_uncovered(one: Surface, other: Surface, share: float, tol: float | N
 
 
 def percent(share: float) -> str:
-    """'100 %', '99.0 %', '44 %' of a share: both it and what it lacks have two digits."""
+    """A share as '100 %', '99.0 %' or '44 %': both the share and its difference from 1 have two digits."""
     least = 100 * min(share, 1 - share)
     return f"{100 * share:.{max(0, 1 - int(np.floor(np.log10(least * (1 + EQUAL))))) if least > 100 * EQUAL else 0}f} %"
 

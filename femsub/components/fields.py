@@ -1,4 +1,4 @@
-"""From DOF back to the nodes of a mesh: displacement fields of shapes, full or recovered from a reduced model."""
+"""Displacement fields at the nodes of a mesh from DOF: of full models, or recovered from reduced models."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
     """The displacement of each node of a mesh: shape (nodes, 3) from u (n,), or (nodes, 3, k) from u (n, k).
 
     Held DOF are 0. A solid has ux, uy, uz. The w of a beam or a plate is the third coordinate; slopes are left out. For a
-    reduced model use `rom.expand(q)` with `rom.full_dofs`. `write_mesh` takes the result as a shape; give the real and the
+    reduced model use `rom.expand(q)` with `rom.full_dofs`. `write_mesh` accepts the result as a shape; give the real and the
     imaginary part separately.
 
     Parameters
     ----------
     mesh : Mesh
-        The component's mesh; for a beam a mesh of 'line' cells whose nodes count from 1.
+        The component's mesh; for a beam a mesh of 'line' cells with nodes counted from 1.
     dofs : DofMap
         The component's DOF map.
     u : array_like, shape (n,) or (n, k), real or complex
@@ -58,7 +58,7 @@ def displacements(mesh: Mesh, dofs: DofMap, u: Array) -> Array:
 
 
 def node_rows(mesh: Mesh, numbers: Array) -> Array:
-    """The rows of `points` of nodes by their numbers."""
+    """The rows of `mesh.points` of the nodes with these numbers."""
     place = places_of(numbers, mesh.numbers)
     if (place < 0).any():
         raise InputError(f"the mesh {mesh.name!r} has no node {numbers[np.argmin(place)]}, so the DOF map belongs to another "
@@ -72,25 +72,25 @@ def moved_fields(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mesh
     Raises
     ------
     InputError
-        A mesh of no part, or of another part; a part whose DOF are not known by nodes and directions.
+        A mesh for an unknown part, or of another part; a part without a DOF map.
     """
     named = {"": meshes} if isinstance(meshes, Mesh) else mapping("meshes", meshes, "names of parts and their meshes")
     fields = []
     for name, mesh in named.items():
         dofs = full_dofs(model, name)
         if dofs is None:
-            raise InputError(f"{name or model.name!r} has no DOF map, so nobody knows which of its DOF belong to which node")
+            raise InputError(f"{name or model.name!r} has no DOF map, so the nodes of its DOF are not known")
         fields.append(displacements(mesh, dofs, motions_of(model, np.arange(dofs.size), name) @ q))
     return list(named.values()), fields
 
 
 def joined_shapes(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mesh]) -> tuple[Mesh, Array]:
-    """`moved_fields` on one mesh, whose parts share no nodes: (nodes, 3, k), the largest displacement of each 1.
+    """One mesh of all parts, which share no nodes, and the fields of `moved_fields` on it, (nodes, 3, k), with the maximum 1.
 
     Raises
     ------
     InputError
-        As there, or meshes of several kinds.
+        See `moved_fields`; meshes of different kinds.
     """
     parts, fields = moved_fields(model, q, meshes)
     kinds = sorted({mesh.kind for mesh in parts})
@@ -103,7 +103,7 @@ def joined_shapes(model: Substructure, q: Array, meshes: Mesh | Mapping[str, Mes
 
 
 def joined_mesh(meshes: Sequence[Mesh], groups: Mapping[str, Array] | None = None) -> Mesh:
-    """Meshes of one kind as one, which share no nodes; `groups` are groups of its cells."""
+    """One mesh from several meshes of one kind, which share no nodes; `groups` are groups of its cells."""
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     return Mesh(np.vstack([mesh.points for mesh in meshes]),
                 np.vstack([mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]), meshes[0].kind,
@@ -111,7 +111,7 @@ def joined_mesh(meshes: Sequence[Mesh], groups: Mapping[str, Array] | None = Non
 
 
 def joined_parts(meshes: Mapping[str, Mesh]) -> tuple[Mesh, Array]:
-    """Meshes of parts of one kind as one, whose groups are the parts, and the number of each node's part, from 1."""
+    """One mesh from the parts' meshes of one kind, with the parts as groups, and the number of each node's part, from 1."""
     ends = np.cumsum([len(mesh.cells) for mesh in meshes.values()])
     groups = {name: np.arange(end - len(mesh.cells), end) for (name, mesh), end in zip(meshes.items(), ends, strict=True)}
     numbers = np.repeat(np.arange(1.0, len(meshes) + 1), [len(mesh.points) for mesh in meshes.values()])
@@ -119,7 +119,7 @@ def joined_parts(meshes: Mapping[str, Mesh]) -> tuple[Mesh, Array]:
 
 
 def turned(fields: Array) -> Array:
-    """Complex shapes (nodes, 3, k), each at the phase in which the place that moves most is at its largest."""
+    """Complex shapes (nodes, 3, k), each turned in phase so that its largest entry is real and positive."""
     if not np.iscomplexobj(fields):
         return fields
     flat = fields.reshape(-1, fields.shape[-1])

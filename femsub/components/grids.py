@@ -1,4 +1,4 @@
-"""Meshes made of a grid: block, annulus and rectangle, with their faces or edges as named sets."""
+"""Meshes from a regular grid: block, annulus and rectangle, with their faces or edges as named sets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def block(lengths: Sequence[float], counts: Sequence[int], kind: str = "hexahedr
     Parameters
     ----------
     lengths : sequence of float, shape (3,)
-        In the unit of length that E and rho go with.
+        Lengths in the unit of length of E and rho.
     counts : sequence of int, shape (3,)
         Bricks along x, y and z.
     kind : str
@@ -52,24 +52,24 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
             name: str = "annulus", sector: tuple[float, float] | None = None) -> Mesh:
     """A mesh of a disc with a hole: inner ≤ √(x² + y²) ≤ outer, 0 ≤ z ≤ thickness. Midside nodes lie on the circles.
 
-    With `sector`, a piece of it, as the lining of a brake pad.
+    With `sector`, only a sector of it, such as the lining of a brake pad.
 
     Parameters
     ----------
     inner, outer, thickness : float
-        Radii and thickness, in the unit of length that E and rho go with.
+        Radii and thickness, in the unit of length of E and rho.
     counts : sequence of int, shape (3,)
         Bricks along the radius, around (3 or more in a full circle) and through the thickness.
     kind : str
         'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'.
     name : str
     sector : (start, end), optional
-        Angles from the x axis towards y, in radians, less than a full turn apart. Default: all round.
+        Angles from the x axis towards y, in radians, less than a full turn apart. Default: the whole annulus.
 
     Returns
     -------
     Mesh
-        Sets of nodes: inner, outer (the two rims), bottom, top; of a sector also start and end.
+        Sets of nodes: inner, outer (the two rims), bottom, top; a sector also has start and end.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def annulus(inner: float, outer: float, thickness: float, counts: Sequence[int] 
 
 
 def ring(counts: Sequence[int] | Array, kind: str, closed: bool) -> tuple[Array, Array]:
-    """`box`; in a closed ring, the last nodes of the second axis are the first ones."""
+    """The grid of `box`. In a closed ring, the last nodes along the second axis are the first nodes."""
     grid, cells = box(counts, kind)
     if closed:
         half = np.rint(2 * grid).astype(np.intp)
@@ -123,7 +123,7 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     Parameters
     ----------
     lengths : sequence of float, shape (2,)
-        In the unit of length that E and rho go with.
+        Lengths in the unit of length of E and rho.
     counts : sequence of int, shape (2,)
         Quadrilaterals along x and y.
     kind : str
@@ -133,8 +133,8 @@ def rectangle(lengths: Sequence[float], counts: Sequence[int], kind: str = "quad
     Returns
     -------
     Mesh
-        Points have two coordinates. Sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), and edge,
-        which is all four.
+        Points have two coordinates. Sets of nodes: left and right (x = 0, lx), front and back (y = 0, ly), and edge, all
+        four sides together.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def _counts(values: Sequence[int], size: int) -> Array:
     if len(found) != size or not whole:
         raise InputError(f"counts must be {size} whole numbers of 1 or more, not {shown(values)}")
     checked = [whole_number("counts", count) for count in found]
-    # 20 node numbers for each cell (8 and their sorted copies), 3 coordinates, and six copies while they are made
+    # 20 node numbers for each cell (8 and their sorted copies), 3 coordinates, and six copies while they are computed
     check_room(f"a mesh of {' x '.join(f'{count:.6g}' for count in checked)} cells", 23 * 8 * 6.0 * math.prod(checked))
     return np.array(checked)
 
@@ -186,9 +186,10 @@ def line(places: Array, name: str = "line") -> Mesh:
 
 
 def mounted_disc(inner: float, outer: float, thickness: float, counts: Sequence[int], kind: str, name: str) -> Mesh:
-    """An `annulus` with the sets contact, cells on top next to the outer rim at angle 0, and mounts.
+    """An `annulus` with the node sets contact and mounts.
 
-    The contact is two cells around. Mounts are three nodes of the lower edge of the outer rim, 120° apart.
+    The contact is a patch of two cells on top, next to the outer rim at angle 0. The mounts are three nodes of the lower edge of
+    the outer rim, 120° apart.
     """
     mesh = annulus(inner, outer, thickness, counts, kind, name=name)
     radius, angle = np.hypot(*mesh.points[:, :2].T), np.arctan2(mesh.points[:, 1], mesh.points[:, 0])

@@ -1,4 +1,4 @@
-"""`MaterialChange`: another material in some cells of a solid, a plate or a beam, by the matrices of these elements."""
+"""`MaterialChange`: another material in some cells of a solid, a plate or a beam, from the matrices of these elements."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from femsub.components.solid_assembly import Material, lame, stiffness_and_mass
 from femsub.model import TRANSLATIONS, Change, ChangeTerm, DofMap, Jet, displacements, full_dofs
 
 Values = Mapping[str, Any]
-#: Of each kind of component the factors of its matrices, as functions of the constants of the material, and whose they are.
+#: For each kind of component: the matrix, 'K' or 'M', and its factor as a function of the constants of the material.
 FACTORS: Mapping[str, tuple[tuple[str, Callable[[Values], Any]], ...]] = {
     "solid": (("K", lambda of: lame(of["E"], of["nu"])[0]), ("K", lambda of: lame(of["E"], of["nu"])[1]),
               ("M", lambda of: of["rho"])),
@@ -41,9 +41,9 @@ def _bending(of: Values) -> Any:
 class MaterialChange(Change):
     """Another value of one constant of the material in some cells: ΔK = Σ_i (c_i(p + a) - c_i(p)) K_i, and ΔM likewise.
 
-    `solid`, `plate` and `beam` make one. They take the arguments of the builders of the same names. The matrices K_i and M_i of
-    the cells are those of the elements, so that any amount is exact, and derivatives are, too. A model does not know which
-    material it was built with: give the same constants here.
+    Create one with `solid`, `plate` or `beam`, which take the arguments of the builders with the same names. K_i and M_i are
+    matrices of the cells' elements, so any amount is exact, and so are derivatives. A model does not know the material with which
+    it was built: give the same constants here.
 
     Attributes
     ----------
@@ -51,15 +51,15 @@ class MaterialChange(Change):
     parameter : str
         The constant that changes.
     amount : float
-        The difference from its value now, in its unit.
+        The difference from its present value, in its unit.
     constants : mapping of str to float
-        All constants as they are now.
+        The present values of all constants.
     matrices : tuple of sparse matrices
         K_i and M_i of the cells, in the order of `FACTORS`.
     dofs : DofMap
         The DOF of the cells.
     part : str
-        The part of a system; '' for a model that is no system.
+        The part of a system; '' for a model that is not a system.
     where : str
         The group of cells.
     rayleigh : (alpha, beta)
@@ -97,7 +97,7 @@ class MaterialChange(Change):
         self.allowed(finite_number("amount", self.amount))
 
     def allowed(self, amount: float) -> None:
-        """Refuse an amount with which the material is none."""
+        """Raise an `InputError` for an amount that gives no valid material."""
         of = {**self.constants, self.parameter: self.value + amount}
         if self.kind == "solid":
             Material(**of)
@@ -110,18 +110,18 @@ class MaterialChange(Change):
 
     @property
     def value(self) -> float:
-        """The constant now."""
+        """The present value of the constant."""
         return self.constants[self.parameter]
 
     @classmethod
     def solid(cls, mesh: Mesh, material: Material, parameter: str, amount: float = 0.0, *, cells: Any = None, part: str = "",
               rayleigh: tuple[float, float] | None = None) -> Self:
-        """Of a solid: `parameter` is 'E', 'nu', 'rho' or 'loss'.
+        """The change of a solid: `parameter` is 'E', 'nu', 'rho' or 'loss'.
 
         Parameters
         ----------
         mesh, material
-            As given to `solid`; the material is that of the cells.
+            As given to `solid`; the material of the cells.
         parameter, amount
             See the class.
         cells : str or sequence of int, optional
@@ -129,7 +129,7 @@ class MaterialChange(Change):
         part : str
             The part of a system.
         rayleigh : (alpha, beta), optional
-            As given to `solid`: D follows.
+            As given to `solid`: D changes with K and M.
         """
         members, where = _cells(mesh, cells)
         now = {name: getattr(instance("material", material, Material), name) for name in ("E", "nu", "rho", "loss")}
@@ -148,7 +148,7 @@ class MaterialChange(Change):
     @classmethod
     def plate(cls, mesh: Mesh, parameter: str, amount: float = 0.0, *, E: float, nu: float, rho: float, thickness: float,
               cells: Any = None, part: str = "", rayleigh: tuple[float, float] | None = None) -> Self:
-        """Of a plate: `parameter` is 'E', 'nu', 'rho' or 'thickness'. The others are as given to `plate`; see `solid`."""
+        """The change of a plate: `parameter` is 'E', 'nu', 'rho' or 'thickness'. For other arguments see `plate` and `solid`."""
         members, where = _cells(mesh, cells)
         now = {"E": E, "nu": nu, "rho": rho, "thickness": thickness}
         choice("parameter", parameter, now)
@@ -161,9 +161,9 @@ class MaterialChange(Change):
     def beam(cls, length: float, elements: int | Sequence[float], parameter: str, amount: float = 0.0, *, E: float, I: float,  # noqa: E741
              rho: float, A: float, foundation: float = 0.0, cells: Any = None, part: str = "",
              rayleigh: tuple[float, float] | None = None) -> Self:
-        """Of a beam: `parameter` is 'E', 'I', 'rho', 'A' or 'foundation'. The others are as given to `beam`; see `solid`.
+        """The change of a beam: `parameter` is 'E', 'I', 'rho', 'A' or 'foundation'. For other arguments see `beam` and `solid`.
 
-        `cells` are elements, counted from 0 from the left.
+        `cells` are elements, counted from 0 at the left.
         """
         x, h = element_lengths(length, elements)
         members = np.arange(len(h)) if cells is None else _rows(cells, len(h))
@@ -176,12 +176,12 @@ class MaterialChange(Change):
                    _pair(rayleigh))
 
     def terms(self, model: Any) -> list[ChangeTerm]:
-        """Those of K and M, and of D and H that follow."""
+        """The terms of K and M, and the resulting terms of D and H."""
         known = full_dofs(model, self.part)
         if known is None:
             raise InputError(f"{self.name}: the model has no DOF map, so its DOF are not known to be those of the mesh")
         rows = known.rows_of(self.dofs)
-        moved = np.flatnonzero(rows >= 0)  # the others are held
+        moved = np.flatnonzero(rows >= 0)  # other DOF are held
         if not len(moved):
             raise InputError(f"{self.name}: the part has none of the DOF of these cells. Give the mesh that it was built of")
         alpha, beta = self.rayleigh

@@ -24,7 +24,7 @@ class Mesh(Frozen):
     Parameters
     ----------
     points : array_like, shape (n, d)
-        Coordinates, d = 1 to 3, in the unit of length that E and rho go with.
+        Coordinates, d = 1 to 3, in the unit of length of E and rho.
     cells : array_like of int, shape (m, k)
         Nodes of each cell as rows of `points`, in meshio's (VTK's) order.
     kind : str
@@ -42,7 +42,7 @@ class Mesh(Frozen):
     Raises
     ------
     InputError, InputTypeError
-        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite or not real, numbers
+        Shapes that do not fit, a node or cell that does not exist, coordinates that are not finite or not real, node numbers
         that are not whole or not unique, names that are not strings.
 
     Examples
@@ -106,13 +106,13 @@ class Mesh(Frozen):
         return CELLS[self.kind][0]
 
     def nodes(self, name: str) -> Array:
-        """The nodes of a set, ascending; an unknown or an empty one is an InputError."""
+        """The nodes of a set, ascending; an unknown or empty set is an InputError."""
         if not len(self.sets[choice(f"set of nodes of the mesh {self.name!r}:", name, self.sets)]):
             raise InputError(f"the set {name!r} of the mesh {self.name!r} is empty. Name a set with nodes")
         return self.sets[name]
 
     def cells_in(self, groups: Iterable[str], what: str) -> dict[str, Array]:
-        """The cells of some groups, which must have each cell of the mesh exactly once."""
+        """The cells of some groups, which together must contain each cell of the mesh exactly once."""
         found = {name: self.groups[choice(f"group of cells of the mesh {self.name!r}:", name, self.groups)] for name in groups}
         times = np.bincount(np.concatenate([np.zeros(0, dtype=int), *found.values()]), minlength=len(self.cells))
         if (times != 1).any():
@@ -130,7 +130,7 @@ class Mesh(Frozen):
 
 
 def places_of(wanted: Array, known: Array) -> Array:
-    """Where some numbers are among the known ones, which are unique; -1 where one is not."""
+    """The places of the wanted numbers among the known numbers, which are unique; -1 for a number that is not known."""
     if not len(known):
         return np.full(len(wanted), -1)
     order = np.argsort(known)
@@ -144,8 +144,10 @@ def corners_of(mesh: Mesh) -> Array:
 
 
 def sides_of(kind: str, what: str) -> Array:
-    """The nodes of each face or edge of a cell, (s, k): the corners as in `reference(kind).faces`, the middles of the edges
-    between them in the same order, and the face's own. A plane cell has edges only.
+    """The nodes of each face or edge of a cell, (s, k), by `what` = 'faces' or 'edges'; a plane cell has edges only.
+
+    The corners come first, as in `reference(kind).faces`, then the midside nodes between them in the same order, then the node in
+    the middle of the face.
     """
     if kind not in KINDS:
         count = {"triangle": 3, "quad": 4}[kind]
@@ -160,22 +162,24 @@ def sides_of(kind: str, what: str) -> Array:
 
 
 def distinct_sides(mesh: Mesh, sides: Array) -> tuple[Array, Array, Array]:
-    """The different faces or edges of a mesh, those of each cell, and how many cells have each.
+    """The different faces or edges of a mesh, the numbers of each cell's faces or edges, and how many cells have each.
 
     Parameters
     ----------
     sides : ndarray, shape (s, c)
-        The corners of those of a cell.
+        The corners of the faces or edges of a cell.
 
     Returns
     -------
     corners : ndarray, shape (f, c)
-        As rows of `points`, ascending in each row and from row to row.
+        The corners as rows of `points`, ascending in each row and from row to row.
     number : ndarray, shape (m, s)
+        For each cell, its faces or edges as rows of `corners`.
     times : ndarray, shape (f,)
+        The number of cells that have each face or edge.
     """
     rows = np.sort(mesh.cells[:, sides].reshape(-1, sides.shape[1]), axis=1)
-    # a number for each row, in their order: np.unique of rows takes seven times as long
+    # one integer for each row, in the order of the rows: np.unique of rows takes seven times as long
     key, span = rows[:, 0].astype(np.int64), len(mesh.points)
     for column in rows.T[1:]:
         if span * len(mesh.points) > np.iinfo(np.int64).max:
@@ -194,7 +198,7 @@ def boundary_faces(mesh: Mesh) -> tuple[Array, Array]:
 
 
 def edges_of(mesh: Mesh) -> tuple[Array, Array, Array]:
-    """The edges of a plane or solid mesh: their ends (e, 2), those of each cell (m, s), and which are on its border."""
+    """The edges of a plane or solid mesh: their ends (e, 2), the edges of each cell (m, s), and which are on the border (e,)."""
     table = sides_of(mesh.kind, "edges")[:, :2]
     ends, number, times = distinct_sides(mesh, table)
     if mesh.dimension == 2:

@@ -1,4 +1,4 @@
-"""Checks and repairs of a mesh before it is used: valid cells, no unused nodes; notes on everything else."""
+"""Checks and repairs of a mesh before it is used: valid cells, no unused nodes; other findings are noted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _PLANE = {"triangle": np.array([[0, 1, 2]]), "quad": np.array([[0, 1, 3], [1, 2,
 def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     """The checked mesh: all cells have det ∂x/∂X > 0 at the quadrature points and ≥ 0 at the corners.
 
-    Repaired, and noted in `repairs`: cells whose nodes are listed in mirrored order, cells given twice, nodes of no cell.
+    Repaired, and noted in `repairs`: cells whose nodes are listed in mirrored order, cells given twice, nodes without a cell.
     Only noted: nodes that coincide (parts that were not merged), a mesh of several pieces. Surfaces in space (3D points
     not in a plane z = const) are checked for flat and concave cells only.
 
@@ -35,8 +35,8 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
     Raises
     ------
     InputError
-        A node twice in a cell; tangled or flat cells; cells folded into their neighbours. The message says how many, which
-        and where.
+        A node twice in a cell; tangled or flat cells; cells folded into their neighbours. The message has their number, and the
+        numbers and places of the first cells.
     """
     labels = np.arange(len(mesh.cells)) if cell_numbers is None else np.asarray(cell_numbers)
     ordered = np.sort(mesh.cells, axis=1)
@@ -83,7 +83,7 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
         note = f"{mirrored.sum()} of {len(cells)} {mesh.kind} cells were listed in mirrored order, re-ordered"
         mesh = replace(mesh, cells=cells, repairs=(*mesh.repairs, note))
         _refuse(mesh, _folded(mesh) & mirrored, labels, "are turned inside out and lie within their neighbours", cure)
-    # what is only noted: nodes that coincide, separate pieces
+    # only noted: nodes that coincide, separate pieces
     from scipy.spatial import cKDTree
 
     repairs = list(mesh.repairs)
@@ -103,12 +103,12 @@ def checked(mesh: Mesh, cell_numbers: Array | None = None) -> Mesh:
 
 
 def refuse_spoilt(mesh: Mesh) -> None:
-    """Refuse cells given twice and nodes of no cell, which would give wrong matrices. (`checked` repairs them.)
+    """Raise an error for cells given twice and nodes without a cell, which would give wrong matrices. (`checked` repairs them.)
 
     Raises
     ------
     InputError
-        There are some; the message lists their numbers.
+        There are such cells or nodes. The message lists their numbers.
     """
     first = _first_alike(mesh)
     again = np.flatnonzero(first != np.arange(len(first)))
@@ -125,7 +125,7 @@ def refuse_spoilt(mesh: Mesh) -> None:
 
 
 def _first_alike(mesh: Mesh) -> Array:
-    """For each cell the first cell with the same nodes: itself, unless it is given twice."""
+    """For each cell the first cell with the same nodes, which is the cell itself unless it is given twice."""
     _, first, number = np.unique(np.sort(mesh.cells, axis=1), axis=0, return_index=True, return_inverse=True)
     return first[number.ravel()]
 
@@ -155,9 +155,9 @@ def plural(count: int, one: str, many: str) -> str:
 
 
 def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
-    """Smallest and largest det ∂x/∂X over the product of the edge lengths, at quadrature points and at corners.
+    """Smallest and largest det ∂x/∂X, divided by the product of the edge lengths, at quadrature points and at corners.
 
-    Of plane cells it is signed if all lie in one plane z = const, else relative to the cell's own normal.
+    For plane cells the sign refers to the z axis if all lie in one plane z = const, otherwise to the cell's own normal.
     """
     if mesh.kind == "line":
         length = np.linalg.norm(mesh.points[mesh.cells[:, 1]] - mesh.points[mesh.cells[:, 0]], axis=1)
@@ -192,7 +192,7 @@ def _volumes(mesh: Mesh) -> Iterator[tuple[Array, Array, Array, Array]]:
 
 
 def _folded(mesh: Mesh) -> Array:
-    """Cells on the same side of a face as a neighbour: both list the face's corners in the same sense."""
+    """Which cells are on the same side of a face as a neighbour: both list the face's corners in the same sense."""
     sides = np.array(reference(mesh.kind).faces) if mesh.kind in KINDS else sides_of(mesh.kind, "edges")
     corners, size = mesh.cells[:, sides], sides.shape[1]
     start = corners.argmin(axis=2, keepdims=True)

@@ -1,4 +1,4 @@
-"""The cells, faces, edges or nodes that a port on a named set acts on; the mean over them in a solid."""
+"""The cells, faces, edges or nodes that a port on a named set acts on, and the mean over them in a solid."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Patch:
     nodes : ndarray, shape (k,)
         The nodes of the set, as rows of `points`.
     cells, sides : ndarray, shape (f,)
-        The cells; or the cells of the faces or edges with the index of the face or edge (`sides_of`). None for nodes.
+        The cells; or the cells of the faces or edges with the index of the face or edge (`sides_of`). Empty for nodes.
     share : ndarray, shape (f,)
-        1. An edge is listed for every cell that has it, each with one over their number.
+        1 for cells and faces. An edge is listed for every cell that has it, with the share 1 over the number of these cells.
     """
 
     kind: str
@@ -39,15 +39,15 @@ class Patch:
 def patch(mesh: Mesh, name: str, what: str) -> Patch:
     """The cells, faces, edges or nodes that a group of cells or a set of nodes stands for.
 
-    A group stands for its cells. For a set of nodes the first of these that contains all its nodes is taken: the faces of a
-    solid's surface within the set, the cells within it, its edges (between two nodes of the border only those of the
-    border). Without any edge within it, the set stands for its nodes. If a group has the same name and the same nodes, the
-    set means the group. Corners decide: midside nodes that are not part of a whole face (cell, edge) are ignored.
+    A group stands for its cells. A set of nodes stands for the first of the following that contains all its nodes: the faces of
+    a solid's surface within the set, the cells within it, its edges (between two nodes of the border only edges of the border).
+    Without any edge within it, the set stands for its nodes. If a group has the same name and the same nodes, the set stands for
+    the group. Corners decide: midside nodes that are not part of a whole face (cell, edge) are ignored.
 
     Parameters
     ----------
     mesh : Mesh
-        Of plane or solid cells.
+        A mesh of plane or solid cells.
     what : str
         The owner of the set, for messages, e.g. "port 'belt'".
 
@@ -59,7 +59,7 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
     Raises
     ------
     InputError
-        No such set; or a mixed set, whose mean would leave out some of its nodes.
+        An unknown set; or a mixed set, so that a mean would leave out some of its nodes.
     """
     every = np.arange(len(mesh.cells))
     group = mesh.groups.get(name, every[:0])
@@ -89,7 +89,7 @@ def patch(mesh: Mesh, name: str, what: str) -> Patch:
 
 
 def _candidates(mesh: Mesh, nodes: Array) -> Iterator[Patch]:
-    """The faces, the cells and the edges within a set, as far as there are any, in `patch`'s order of preference."""
+    """Yields the faces, the cells and the edges within a set, if there are any, in `patch`'s order of preference."""
     every, some = np.arange(len(mesh.cells)), False
     ways = [("cells", every, np.zeros_like(every), corners_of(mesh))]
     if mesh.dimension == 3:
@@ -116,10 +116,10 @@ def nodes_of(mesh: Mesh, found: Patch) -> Array:
 
 
 def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
-    """a_i = ∫ N_i / ∫ 1 over the patch, so that a·u is the mean over its volume, area or length, and n, its mean normal.
+    """a_i = ∫ N_i / ∫ 1 over the patch, so that a·u is the mean over its volume, area or length, and its mean normal n.
 
-    For single nodes a·u is their mean. n is the average outward unit normal of faces; it is 0 for every other kind, and for
-    a closed surface.
+    For single nodes a·u is the mean over the nodes. n is the average outward unit normal of faces; it is 0 for every other kind,
+    and for a closed surface.
 
     Returns
     -------
@@ -133,11 +133,11 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
         average[found.nodes] = 1.0
     for side in np.unique(found.sides):
         if found.kind == "cells":
-            degree = 4 * element.degree - (3 if mesh.kind.startswith("tetra") else 1)  # of N det J
+            degree = 4 * element.degree - (3 if mesh.kind.startswith("tetra") else 1)  # the degree of N det J
             (X, w), tangents = quadrature(mesh.kind, degree), np.eye(3)
         else:
             corners = (element.faces if found.kind == "faces" else element.edges)[side]
-            # exact on flat parallelograms and straight edges; the length of a curved edge is no polynomial, so four Gauss points
+            # exact on flat parallelograms and straight edges; four Gauss points for curved edges, whose length is no polynomial
             s, w = side_quadrature(len(corners), 2 * element.degree if found.kind == "faces" else 7)
             X, tangents = on_side(mesh.kind, corners, s)
         N, dN = shape_functions(mesh.kind, X)
@@ -150,7 +150,7 @@ def solid_average(mesh: Mesh, name: str, what: str) -> tuple[Array, Array]:
         if found.kind == "faces":
             normal += (vector * w[:, None]).sum(axis=(0, 1))
     length, whole = float(np.linalg.norm(normal)), float(average.sum())
-    # normals of a closed surface cancel: the remainder is that of the points' digits, not a direction
+    # normals of a closed surface cancel: what remains is rounding of the coordinates, not a direction
     return average / whole, normal / length if length > POSITION * whole else np.zeros(3)
 
 

@@ -1,4 +1,4 @@
-"""Pictures that are no charts: mode shapes on their mesh, the parts of a system in colours."""
+"""Pictures of meshes: mode shapes, and the parts of a system in colours."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from femsub.components.mesh import Mesh, boundary_faces, corner_nodes
 from femsub.output import PAGE, SIZES, legend_below, new_figure
 
 MARKS = {"contact": ("black", "v"), "interface": ("#0067a5", "s")}
-AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # from where solids are seen
-#: colours that readers who see no red or no green distinguish as well
+AZIMUTH, ELEVATION = np.radians(-60.0), np.radians(35.0)  # direction from which solids are seen
+#: colours that readers with red-green colour blindness can distinguish, too
 PARTS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#999999")
-#: the same on the colours of solids, where black and blue are not seen
+#: marks on solids, on whose colours black and blue are hardly visible
 MARKS_ON_SOLIDS = {"contact": ("#e41a1c", "v"), "interface": ("#ff7f00", "s")}
-APART = np.array([0.5, 0.5, 2.5])  # of its distance from the middle that each part is moved where parts are drawn apart
-# of a plate's deflection: shades with edges, since smooth ones show streaks of the mesh; none at 0, where they would zigzag
+APART = np.array([0.5, 0.5, 2.5])  # parts drawn apart are moved by these shares of their distance from the middle
+# contour levels of a plate's deflection: smooth shades would show streaks of the mesh, and a level at 0 would zigzag
 LEVELS = np.linspace(-1.0, 1.0, 22)
-SHARP = np.cos(np.radians(40.0))  # between the normals of two faces, from which on their edge belongs to the outline
-LIGHT = np.array([0.2, -0.4, 0.9])  # from where it comes, of length 1 but for rounding
+SHARP = np.cos(np.radians(40.0))  # cosine of the angle between the normals of two faces above which their edge is drawn
+LIGHT = np.array([0.2, -0.4, 0.9])  # direction towards the light, of length 1 up to rounding
 
 
 def shapes_figure(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str, marks: Mapping[str, Array]) -> Any:
-    """Fields (nodes, 3, k), the largest displacement of each 1, side by side; `marks` are nodes, rows of the mesh, by name."""
+    """Fields (nodes, 3, k) with the largest displacement 1, side by side. `marks` are nodes, as rows of the mesh, by name."""
     from matplotlib.tri import Triangulation
 
     count, flat = len(titles), mesh.dimension < 3
@@ -97,7 +97,7 @@ def shapes_window(mesh: Mesh, shapes: Array, titles: Sequence[str], title: str) 
 
 
 def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> Any:
-    """A moved solid with the outline that it has at rest, and marks at nodes; the scale of its colours."""
+    """Draws a deformed solid with its outline at rest, and marks at nodes; returns the scale of the colours."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -109,8 +109,8 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     corners, sizes = (mesh.points + stretch * u)[faces], np.linalg.norm(u, axis=1)[faces]
     lines = np.zeros((0, 4, 3))
     cut = faces.shape[1] == 4 and SIZES.pieces**2 * len(faces) <= SIZES.fine
-    if cut:  # the order from far to near is better, and so are the colours
-        # edges, each in pieces as faces of no area
+    if cut:  # small pieces improve the order from far to near, and the colours
+        # edges, each divided into pieces, which are faces without area
         shown = corners[_normals(corners) @ seen_from() > 0]
         ends, next_ends = shown[:, :, None], np.roll(shown, -1, axis=1)[:, :, None]
         places = ends + np.linspace(0.0, 1.0, SIZES.pieces + 1)[:, None] * (next_ends - ends)
@@ -129,7 +129,7 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     around = paint[order] if cut or len(faces) > SIZES.fine else (0, 0, 0, 0.3)
     axis.add_collection(PolyCollection([pieces[at] for at in order], facecolors=paint[order], edgecolors=around,
                                        linewidths=width[order]))
-    # the edges of the surface at rest that are sharp, or where it turns away from the viewer
+    # the outline at rest: edges of the surface that are sharp, or where it turns away from the viewer
     at_rest, outward = seen(mesh.points)[0], _normals(mesh.points[faces])
     sides = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
     edges, first, which = np.unique(np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True)
@@ -141,7 +141,7 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     kept = (towards[one] | towards[other]) & (sharp | (towards[one] != towards[other]))
     axis.add_collection(LineCollection(list(at_rest[edges[kept]]), colors="0.25", linewidths=0.6, linestyles=":"))
     axis.plot([], [], color="0.25", lw=0.9, ls=":", label="at rest")
-    # arrows from where points are at rest to where they are moved to, if a body slides within its surface: it looks still
+    # arrows from points at rest to their moved places, if the motion is within the surface, since the body would look unmoved
     resting, outward = faces[towards], outward[towards]
     mean = stretch * u[resting].mean(axis=1)
     if np.sum((mean * outward).sum(axis=1) ** 2) < SIZES.slides**2 * np.sum(mean**2):
@@ -152,7 +152,7 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
     # marks
     for name, at in marks.items():
         colour, marker = MARKS_ON_SOLIDS[name]
-        at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners will do
+        at = at[np.isin(at, faces)] if np.isin(at, faces).any() else at  # corners of faces are enough
         hidden = ~np.isin(at, front)
         style = {"color": colour, "ls": "none", "ms": 5 if len(at) < 30 else 3}
         if not hidden.all():
@@ -166,7 +166,7 @@ def draw_solid(axis: Any, mesh: Mesh, u: Array, marks: Mapping[str, Array]) -> A
 
 
 def _cut(corners: Array) -> Array:
-    """Faces of four corners (m, 4, ...) as SIZES.pieces x SIZES.pieces smaller ones each, bilinear."""
+    """Faces with four corners (m, 4, ...), each divided into SIZES.pieces x SIZES.pieces smaller faces (bilinear)."""
     ends = np.linspace(0.0, 1.0, SIZES.pieces + 1)
     s, t = (one.ravel() for one in np.meshgrid(np.arange(SIZES.pieces), np.arange(SIZES.pieces)))
     s, t = ends[np.stack([s, s + 1, s + 1, s], axis=1)], ends[np.stack([t, t, t + 1, t + 1], axis=1)]
@@ -176,14 +176,14 @@ def _cut(corners: Array) -> Array:
 
 
 def _normals(corners: Array) -> Array:
-    """Unit normals of faces (m, k, 3); corners are anticlockwise from outside."""
+    """Unit normals of faces (m, k, 3), whose corners are anticlockwise seen from outside."""
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1])
     length = np.linalg.norm(normal, axis=1)[:, None]
     return np.asarray(normal / np.where(length > 0, length, 1.0))
 
 
 def _front(points: Array, faces: Array) -> tuple[Array, Array, Array]:
-    """Points as they are seen (n, 2), the faces that are turned to the viewer, the nearest last, and their unit normals."""
+    """Points in the plane of the picture (n, 2), the faces turned to the viewer, the nearest last, and their unit normals."""
     plane, depth = seen(points)
     normal = _normals(points[faces])
     front = np.flatnonzero(normal @ seen_from() > 0)
@@ -192,18 +192,18 @@ def _front(points: Array, faces: Array) -> tuple[Array, Array, Array]:
 
 
 def seen_from() -> Array:
-    """The direction towards whom it is seen by, (3,)."""
+    """The direction towards the viewer, (3,)."""
     return seen(np.eye(3))[1]
 
 
 def seen(points: Array) -> tuple[Array, Array]:
-    """Points as they are seen (n, 2), from the right in front and above, and how near they are (n,)."""
+    """Points in the plane of the picture (n, 2), seen from the front right and above, and their nearness to the viewer (n,)."""
     ca, sa, ce, se = np.cos(AZIMUTH), np.sin(AZIMUTH), np.cos(ELEVATION), np.sin(ELEVATION)
     return points @ np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce]]).T, points @ np.array([ce * ca, ce * sa, se])
 
 
 def triad(axis: Any) -> None:
-    """Which way x, y and z point."""
+    """Draws the directions of x, y and z."""
     origin = np.array([0.0, 0.05])
     for name, along in zip("xyz", seen(np.eye(3))[0], strict=True):
         axis.annotate("", origin + 0.11 * along, origin, xycoords="axes fraction", annotation_clip=False,
@@ -212,7 +212,7 @@ def triad(axis: Any) -> None:
 
 
 def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
-    """Parts in colours: plane ones with their cells; solids as they are joined, and drawn apart."""
+    """Parts in colours: plane parts with their cells; solids joined, and drawn apart."""
     from matplotlib import colormaps
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
@@ -254,7 +254,7 @@ def parts_figure(meshes: Mapping[str, Mesh], title: str) -> Any:
 
 
 def _far_to_near(points: Mapping[str, Array]) -> list[str]:
-    """The parts in the order in which they are painted: one on the viewer's side of a plane x, y or z = const comes later."""
+    """The parts in the order of painting: a part on the viewer's side of a plane x, y or z = const comes later."""
     names = sorted(points, key=lambda name: float(seen(points[name])[1].mean()))
     towards = np.sign(seen_from())
     near, far = ({name: bound(place * towards, axis=0) for name, place in points.items()} for bound in (np.max, np.min))

@@ -56,7 +56,7 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     follow the nodes and continue the node numbers.
 
     Any consistent units: m, kg, s with E in Pa; or mm, t, s with E in MPa, rho in t/mm³ (steel: 7.85e-9). ω is in rad/s
-    in both.
+    in both systems.
 
     Parameters
     ----------
@@ -65,14 +65,14 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
     E, nu, rho, thickness : float
         Young's modulus, Poisson's ratio in (-1, 0.5), density, thickness h.
     supports : mapping of set name to str
-        'simply supported' (w = 0 along the set), 'clamped' (the slopes too) or 'free'. The edges of a set are those
+        'simply supported' (w = 0 along the set), 'clamped' (the slopes too) or 'free'. The edges of a set are the edges
         with both nodes in it; between two nodes of the border only edges of the border count.
     interface : sequence of set names
-        All DOF of these nodes (and edges) that are not held. Each set names an interface set.
+        All DOF of these nodes (and edges) that are not held become interface DOF. Each set names an interface set.
     ports : mapping of str to set name, or to the place (x, y) of a node
-        The mean of w over a set, or w at the node. For a set of nodes the mean is taken over the cells within it, if they
-        contain all its nodes; else over its edges (between two nodes of the border only those of the border); else over its
-        nodes. For a group of cells it is taken over the cells. A mixed set is refused. Means over cells and edges are
+        The mean of w over a set, or w at the node. For a set of nodes the mean is taken over the cells within it if they
+        contain all its nodes; otherwise over its edges (between two nodes of the border only edges of the border); otherwise
+        over its nodes. For a group of cells it is taken over the cells. A mixed set is refused. Means over cells and edges are
         integrals of the element's shape functions, slopes included.
     rayleigh : (alpha, beta), optional
         D = αM + βK; use `damped` for any other damping.
@@ -126,9 +126,10 @@ def plate(mesh: Mesh, *, E: float, nu: float, rho: float, thickness: float, supp
 
 
 class Layout:
-    """The DOF of a plate: `step` at each node of `plane` (n, 2), the first of them `w` (n,), then one at each triangle's edge.
+    """The numbering of a plate's DOF: `step` DOF at each node of `plane` (n, 2), the first is `w` (n,); then one for each edge.
 
-    Those of each cell are `rows` (m, k), and `shape` is what the integrals over the cells need to know.
+    Only triangles have DOF at edges. `rows` (m, k) are the DOF of each cell, and `shape` are the arrays that describe the cells'
+    geometry for integrals.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -150,7 +151,7 @@ class Layout:
         return gathered(self.rows[cells], self.size, lambda part: of_cells(*(values[part] for values in shape), nu=nu))
 
     def _triangles(self) -> tuple[Array, tuple[Array, ...]]:
-        """The DOF, the corners (m, 3, 2), and the normals of the edges opposite them (m, 3, 2)."""
+        """The DOF of each cell, its corners (m, 3, 2), and the normals of the edges opposite the corners (m, 3, 2)."""
         cells, edges = self.mesh.cells, self.of_cell[:, [1, 2, 0]]
         corners = self.plane[cells]
         span = np.stack([corners[:, k] - corners[:, j] for j, k in OPPOSITE], axis=1)
@@ -168,7 +169,7 @@ class Layout:
         return np.hstack([cells, len(self.plane) + edges]), (corners, normal[edges])
 
     def _rectangles(self) -> tuple[Array, tuple[Array, ...]]:
-        """The DOF, corners as in CORNERS, and the sides (m, 2)."""
+        """The DOF of each cell, with corners in the order of CORNERS, and its sides (m, 2)."""
         corners = self.plane[self.mesh.cells]
         low, high = corners.min(axis=1), corners.max(axis=1)
         sides = high - low
@@ -205,7 +206,7 @@ class Layout:
         return np.concatenate([at_nodes, len(self.plane) + edges])
 
     def column(self, where: Any, port: str, held: Array) -> Array:
-        """The mean of w over a set, or w at a node, as a column for all DOF."""
+        """The column, for all DOF, that gives the mean of w over a set, or w at a node."""
         w = np.zeros(self.size)
         if isinstance(where, str):
             found = patch(self.mesh, where, f"port {port!r}")
@@ -227,7 +228,7 @@ class Layout:
                     rows[:, 1::2] += 1 + axis[:, None]
                     integrals = np.abs(step) * HERMITE_MEAN * np.where(np.arange(4) % 2, step, 1.0)
                 np.add.at(w, rows, found.share[:, None] * integrals)
-            lift = w[self.w].sum()  # of w = 1 everywhere
+            lift = w[self.w].sum()  # the integral of w = 1
             return w / lift if lift else w
         if not isinstance(where, (Sequence, np.ndarray)) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be the name of a set or a place (x, y), not {where!r:.80}")
@@ -237,7 +238,7 @@ class Layout:
         return w
 
     def dofs(self) -> DofMap:
-        """The DOF map: w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, whose numbers follow."""
+        """The DOF map: w, w,x, w,y, w,xy at nodes; or w at nodes and w,n in the middle of edges, with the next numbers."""
         numbers = self.mesh.numbers.astype(np.int64)
         if not self.triangles:
             return DofMap(np.repeat(numbers, 4), np.tile(np.arange(4), len(numbers)), ("w", "w,x", "w,y", "w,xy"),

@@ -1,4 +1,4 @@
-"""Small models: a point with a mass; two modes and Ziegler's pendulum, which flutter; a pair of waves of a turning disc."""
+"""Small models: a point with a mass; two modes and Ziegler's pendulum, which flutter; two waves of a turning disc."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from femsub.model import MOTIONS, Affine, DofMap, Substructure
 
 
 def two_mode(damping: tuple[float, float] = (0.0, 0.0)) -> Affine:
-    """A mass on two springs across each other, pressed onto a moving belt: parameter "mu", the coefficient of friction.
+    """A mass on crossed springs, pressed onto a moving belt. The parameter "mu" is the coefficient of friction.
 
-    M = I, D = diag(d1, d2), K = [[2, 1 - 4μ/3], [1, 2]]; without damping ω² = 2 ± √(1 - 4μ/3). Both in units of the mass and of
-    one of the springs.
+    M = I, D = diag(d1, d2), K = [[2, 1 - 4μ/3], [1, 2]]; without damping ω² = 2 ± √(1 - 4μ/3). The mass and one of the springs
+    are the units.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def two_mode_critical(damping: tuple[float, float] = (0.0, 0.0)) -> float:
 
 
 def ziegler(damping: float = 0.0) -> Affine:
-    """Ziegler's pendulum: two bars of length l, masses 2m and m, springs k and dashpots b in both joints: parameter "P".
+    """Ziegler's pendulum: two bars of length l, masses 2m and m, springs k and dashpots b in both joints, a load "P".
 
     M = [[3, 1], [1, 1]], D = b [[2, -1], [-1, 1]], K = [[2 - P, P - 1], [-1, 1]], in the units m = l = k = 1. The load P follows
     the direction of the second bar, so K is unsymmetric.
@@ -61,10 +61,10 @@ def ziegler(damping: float = 0.0) -> Affine:
 
 
 def ziegler_critical(damping: float = 0.0) -> float:
-    """The load at which `ziegler` begins to flutter: 7/2 - √2 without damping, else 41/28 + b²/2.
+    """The load at which `ziegler` begins to flutter: 7/2 - √2 without damping, otherwise 41/28 + b²/2.
 
-    The second from the Hurwitz determinant of 2s⁴ + 7bs³ + (7 - 2P + b²)s² + 2bs + 1. Its limit for b → 0 is lower
-    than the first by 30 %: the destabilisation paradox.
+    The second value follows from the Hurwitz determinant of 2s⁴ + 7bs³ + (7 - 2P + b²)s² + 2bs + 1. Its limit for b → 0 is 30 %
+    lower than the first value: the destabilisation paradox.
     """
     return 41 / 28 + damping**2 / 2 if damping else 3.5 - float(np.sqrt(2.0))
 
@@ -74,10 +74,10 @@ def disc_pair() -> dict[str, Array]:
 
     The deflection w = q₁ cos mθ + q₂ sin mθ has m = 3 nodal diameters in a fixed frame. The material flows through it at the
     speed Ω, which gives DG = 2m [[0, 1], [-1, 0]] and Kgeo = -m² I. Without the pad the frequencies are ω₀ ∓ mΩ, and ω₀ = 1.
-    Springs of the pad press on both faces of the disc at θ = 0, with k = 0.1 in all: K1 = diag(1 + k, 1). A face at the
-    distance h/2 moves by -h/2 ∂w/∂θ along the circumference, where friction acts on it. So KR = -k (h m / 2) [[0, 0], [1, 0]]
-    with h = 0.1. Where the direction of sliding turns, friction damps: DR = diag(c, 0). D1 = d I is damping from outside. The
-    radius of the pad, the modal mass and ω₀ are the units.
+    Springs of the pad press on both faces of the disc at θ = 0, with the total stiffness k = 0.1: K1 = diag(1 + k, 1). A face
+    at the distance h/2 from the mid-plane moves by -h/2 ∂w/∂θ along the circumference, where friction acts on it. So
+    KR = -k (h m / 2) [[0, 0], [1, 0]] with h = 0.1. A turning direction of sliding makes friction damp: DR = diag(c, 0). D1 = d I
+    is external damping. The radius of the pad, the modal mass and ω₀ are the units.
     """
     m, k, h, c, d = 3, 0.1, 0.1, 1e-4, 2e-3
     return {"M": np.eye(2), "D1": d * np.eye(2), "DR": np.diag([c, 0.0]), "DG": 2 * m * np.array([[0.0, 1.0], [-1.0, 0.0]]),
@@ -88,27 +88,27 @@ def node(point: Sequence[float] | Array, mass: float = 0.0, inertia: Any = 0.0, 
          name: str = "node") -> Substructure:
     """A point with three displacements and three rotations: a bolt, a hub, the end of a beam.
 
-    M = diag(m I, J), shape (6, 6), and K = 0. The DOF are ux, uy, uz, rx, ry, rz along and about x, y, z, in this order, and make
-    up the interface set "node". `Kinematic` and `Averaged` join it to a surface, `Rigid` and `Spring` to another node or to the
-    ground. Two nodes at the same place are joined by their sets.
+    M = diag(m I, J), shape (6, 6), and K = 0. The DOF are ux, uy, uz, rx, ry, rz along and about x, y, z, in this order. They
+    form the interface set "node". `Kinematic` and `Averaged` join the node to a surface, `Rigid` and `Spring` to another node or
+    to the ground. Two nodes at the same place are joined by their sets.
 
     Parameters
     ----------
     point : array_like, shape (3,)
-        Its place.
+        The place of the node.
     mass : float
-        m, lumped there; by default 0.
+        m, lumped at the point; by default 0.
     inertia : float or array_like, shape (3,) or (3, 3)
-        J about the point (mass · length²): one number for all axes, those about x, y and z, or a symmetric matrix; by default 0.
+        J about the point (mass · length²): one number for all axes, three numbers for x, y and z, or a symmetric matrix; by
+        default 0.
     ports : mapping of str to str
-        Where forces or contacts act: a motion, as {"load": "uz"}, or a moment, as {"torque": "rx"}.
+        The motions on which forces or contacts act, as {"load": "uz"}; for a moment a rotation, as {"torque": "rx"}.
     name : str
 
     Raises
     ------
     InputError, InputTypeError
-        A point of other than three numbers, a mass or an inertia that is negative, an inertia that is not symmetric, an unknown
-        motion.
+        A point that is not three numbers, a negative mass or inertia, an unsymmetric inertia, an unknown motion.
 
     Examples
     --------

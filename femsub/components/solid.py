@@ -19,7 +19,7 @@ from femsub.components.solid_elements import KINDS
 from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 Direction: TypeAlias = str | Sequence[float]
-#: the words for a direction: an axis, the normal of a set's surface, or against one of them
+#: the words for a direction: an axis, the normal of a set's surface, or the opposite of one of them
 DIRECTIONS = tuple(sign + axis for axis in (*"xyz", "normal") for sign in ("", "-"))
 
 
@@ -27,10 +27,10 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
           interface: Mapping[str, str] | Mapping[str | Facing, str] | Sequence[str | Facing] | Facing | None = (),
           ports: Mapping[str, tuple[str, Direction]] | None = None, rayleigh: tuple[float, float] | None = None,
           name: str = "") -> Substructure:
-    """A solid component of linear elasticity, of hexahedra or tetrahedra.
+    """A solid component of linear elasticity, meshed with hexahedra or tetrahedra.
 
     M ü + D u̇ + K u = f with K from ∫ ε:c:ε dV, M from ∫ ρ u·u dV, D = αM + βK, and three DOF (x, y, z) per node. Loss
-    factors of materials make the structural damping H. K and M are exact for affine cells; see `stiffness_and_mass`. The DOF
+    factors of materials give the structural damping H. K and M are exact for affine cells; see `stiffness_and_mass`. The DOF
     of supports are removed.
 
     Bricks of 8 nodes lock in bending. For a part of thickness t with elements of length a, ω is about sqrt(1 + a²/2t²)
@@ -39,19 +39,19 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     Parameters
     ----------
     mesh : Mesh
-        Of 'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10'; `read_mesh` or `block` make one.
+        A mesh of 'hexahedron', 'hexahedron20', 'hexahedron27', 'tetra' or 'tetra10' cells, as from `read_mesh` or `block`.
     material : Material, or mapping of str to Material
-        One for all cells, or one for each group of cells; the groups must cover all cells.
+        One material for all cells, or one for each group of cells; the groups must cover all cells.
     supports, interface : sequence of str, or mapping of str to str
-        Sets of nodes that are held, and sets through which the component is joined: all three motions, or those
-        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, without held ones. The sets
-        keep their names as interface sets. What `facing` found stands for the surface that lies in this mesh.
+        Sets of nodes that are held, and sets through which the component is joined: all three motions, or the motions
+        named, e.g. {"left": "xyz", "symmetry": "x"}. Interface DOF are listed node by node, without held DOF. The sets
+        keep their names as interface sets. A `Facing` stands for its surface in this mesh.
     ports : mapping of str to (set, direction)
-        Where a belt or a force acts: w, such that wᵀu is the average motion of a set in a direction. The direction is 'x',
+        The columns w on which belts or forces act: wᵀu is the average motion of a set in a direction. The direction is 'x',
         'y', 'z', 'normal', the opposite of one ('-x', '-normal', ...), or a vector, which is normalised. For a set of nodes
-        the average is taken over the faces of the surface within it; if these lack some of the nodes, over the cells
-        within it; else over its edges; else over its nodes. For a group of cells it is taken over the volume. A mixed set
-        is refused.
+        the average is taken over the faces of the surface within it; if these do not contain all nodes, over the cells
+        within it; otherwise over its edges; otherwise over its nodes. For a group of cells it is taken over the volume. A
+        mixed set is refused.
     rayleigh : (alpha, beta), optional
         α in 1 per unit of time, β in units of time; use `damped` for any other damping.
     name : str
@@ -60,7 +60,7 @@ def solid(mesh: Mesh, material: Material | Mapping[str, Material], *, supports: 
     Raises
     ------
     InputError
-        A set or group that is not in the mesh, plane cells, inverted cells, cells given twice, nodes of no cell, an unknown
+        A set or group that is not in the mesh, plane cells, inverted cells, cells given twice, nodes without a cell, an unknown
         direction, an interface or a port that is held.
     InputTypeError
         An argument of another kind.
@@ -129,7 +129,7 @@ def materials_of(mesh: Mesh, material: Material | Mapping[str, Material]) -> lis
 
 
 def _with_facings(mesh: Mesh, interface: Any) -> tuple[Mesh, Any]:
-    """The mesh with the sets of each `Facing` of an interface, and the interface with their names in its place."""
+    """The mesh with the sets of each `Facing` in an interface, and the interface with the sets' names instead of the `Facing`."""
     if isinstance(interface, Facing):
         interface = [interface]
     if not isinstance(interface, (list, tuple, set, Mapping)) or not any(isinstance(one, Facing) for one in interface):

@@ -1,4 +1,4 @@
-"""Stiffness and mass of solid elements: batched products over all elements of a chunk, summed directly into CSR."""
+"""Stiffness and mass of solid elements, by batched products over all elements of a chunk, summed directly into CSR."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Material:
     rho : float
         Density, mass per length³: kg/m³, or tonne/mm³ (steel: 7.85e-9).
     loss : float
-        Loss factor η of structural damping: stress and strain of harmonic motion have the moduli E(1 + iη). Its share of the
-        stiffness is the H of the component, see `Substructure`.
+        Loss factor η of structural damping: in harmonic motion the modulus is E(1 + iη). η times the stiffness is part of the H
+        of the component, see `Substructure`.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Material:
 
 
 def lame(E: Any, nu: Any) -> tuple[Any, Any]:
-    """(λ, μ), of numbers, arrays or jets."""
+    """(λ, μ) from numbers, arrays or jets."""
     return (E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)))
 
 
@@ -80,7 +80,7 @@ def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degr
     Parameters
     ----------
     mesh : Mesh
-        Of isoparametric solid cells.
+        A mesh of isoparametric solid cells.
     materials : list of (Material, cells)
         Each material with its cells.
     degree : int, optional
@@ -96,18 +96,18 @@ def stiffness_and_mass(mesh: Mesh, materials: list[tuple[Material, Array]], degr
     for material, cells, N, root, G in at_points(mesh, materials, degree):
         keep, blocks, add = pattern.places(cells)
         m, q, k, _ = G.shape
-        # ∫ ∂N_i/∂x_b ∂N_j/∂x_d dV over i, j, b, d; both factors are the same array, for which matmul calls a symmetric kernel
+        # ∫ ∂N_i/∂x_b ∂N_j/∂x_d dV for all i, j, b, d; since both factors are the same array, matmul calls a symmetric kernel
         G = G.reshape(m, q, 3 * k)
         pairs = (G.swapaxes(1, 2) @ G).reshape(m, k, 3, k, 3).transpose(0, 1, 3, 2, 4).reshape(-1, 9)
         stiffness[blocks] += add @ (pairs[keep] @ _moduli(material))
         S = N * root[..., None]
-        mass[blocks] += add @ (material.rho * (S.swapaxes(1, 2) @ S).reshape(-1)[keep])  # ∫ N_i N_j dV over i, j
+        mass[blocks] += add @ (material.rho * (S.swapaxes(1, 2) @ S).reshape(-1)[keep])  # ∫ N_i N_j dV for all i, j
     return pattern.spread(stiffness), pattern.spread_diagonal(mass)
 
 
 def at_points(mesh: Mesh, materials: list[tuple[Material, Array]],
               degree: int | None = None) -> Iterator[tuple[Material, Array, Array, Array, Array]]:
-    """Chunks of cells with what the integrals over them are made of.
+    """Yields chunks of cells with the factors of integrals over these cells.
 
     Yields
     ------
@@ -115,13 +115,13 @@ def at_points(mesh: Mesh, materials: list[tuple[Material, Array]],
     cells : ndarray, shape (m,)
         Rows of `mesh.cells`.
     N : ndarray, shape (q, k)
-        Shape functions at the q points of the quadrature.
+        Shape functions at the q quadrature points.
     root : ndarray, shape (m, q)
         √(w det J), so that ∫ f dV = Σ_q root² f.
     G : ndarray, shape (m, q, k, 3)
         root ∂N/∂x. A product of two of these, summed over the points, is an integral.
     """
-    size = max(1, CHUNK // (8 * 20 * mesh.cells.shape[1]**2))  # cells at a time
+    size = max(1, CHUNK // (8 * 20 * mesh.cells.shape[1]**2))  # cells in a chunk
     for material, members in materials:
         for start in range(0, len(members), 8 * size):
             part = members[start:start + 8 * size]
@@ -136,7 +136,7 @@ def at_points(mesh: Mesh, materials: list[tuple[Material, Array]],
 
 
 def exact_degree(mesh: Mesh, cells: Array) -> Array:
-    """2p for affine cells (both integrands are then polynomials of that degree), else 2p + 2, of shape (m,)."""
+    """Quadrature degrees (m,): 2p for affine cells, where both integrands are polynomials of this degree, otherwise 2p + 2."""
     corners = reference(mesh.kind).nodes
     J = jacobians(mesh.points, mesh.cells[cells], shape_functions(mesh.kind, corners)[1])
     spread = np.abs(J - J[:, :1]).max(axis=(1, 2, 3)) > EQUAL * np.abs(J).max(axis=(1, 2, 3))
@@ -144,7 +144,7 @@ def exact_degree(mesh: Mesh, cells: Array) -> Array:
 
 
 def _gradients(points: Array, cells: Array, dN: Array, w: Array) -> tuple[Array, Array]:
-    """√(w det J) as (m, q), and its product with ∂N/∂x as (m, q, k, 3)."""
+    """√(w det J), shape (m, q), and √(w det J) ∂N/∂x, shape (m, q, k, 3)."""
     J = jacobians(points, cells, dN)
     a, b, c = J[..., 0, :], J[..., 1, :], J[..., 2, :]
     adjugate = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=-1)  # J⁻¹ det J
@@ -159,7 +159,7 @@ def _gradients(points: Array, cells: Array, dN: Array, w: Array) -> tuple[Array,
 
 
 def _cross(a: Array, b: Array) -> Array:
-    # NumPy's takes twice as long
+    # NumPy's function takes twice as long
     result = np.empty_like(a)
     for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
         result[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
@@ -167,7 +167,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _moduli(material: Material) -> Array:
-    """c_abcd = λ δ_ab δ_cd + μ (δ_ac δ_bd + δ_ad δ_bc), rows (b, d), columns (a, c), shape (9, 9)."""
+    """c_abcd = λ δ_ab δ_cd + μ (δ_ac δ_bd + δ_ad δ_bc) with rows (b, d) and columns (a, c), shape (9, 9)."""
     lam, mu = material.lame
     one = np.eye(3)
     c = lam * np.einsum("ab,cd->abcd", one, one) + mu * (np.einsum("ac,bd->abcd", one, one) + np.einsum("ad,bc->abcd", one, one))
@@ -175,7 +175,7 @@ def _moduli(material: Material) -> Array:
 
 
 class Pattern:
-    """The nonzero 3 x 3 blocks (i, j), i ≤ j, of K in order, and the block of each pair of nodes."""
+    """The ordered list of nonzero 3 x 3 blocks (i, j), i ≤ j, of K, and the block of each pair of nodes of a cell."""
 
     def __init__(self, cells: Array, nodes: int) -> None:
         self.cells, self.nodes = cells, nodes
@@ -189,22 +189,22 @@ class Pattern:
         self.size = len(self.keys)
 
     def places(self, members: Array | slice) -> tuple[Array, slice, Matrix]:
-        """For some cells: which of their k² pairs have i ≤ j (flat), the blocks that these add to, and the sum as a matrix.
+        """For some cells: the flat indices of their node pairs with i ≤ j, the blocks that these pairs add to, and a matrix A.
 
-        A value of each kept pair, v (pairs, c), adds `matrix @ v` to those blocks.
+        Values v (pairs, c) of these pairs add A @ v to the blocks.
         """
         cells = self.cells[members]
         i, j = np.broadcast_arrays(cells[:, :, None], cells[:, None, :])
         keep = np.flatnonzero((i <= j).ravel())
         at = np.searchsorted(self.keys, i.ravel()[keep] * self.nodes + j.ravel()[keep])
         low, high = int(at.min()), int(at.max()) + 1
-        # a column for each pair, a row for each block: the product adds up the entries of a block
+        # a column for each pair, and a row for each block: the product sums the pairs of a block
         add = sp.csc_array((np.ones(len(at)), at - low, np.arange(len(at) + 1)), shape=(high - low, len(at)))
         return keep, slice(low, high), add
 
     @cached_property
     def both(self) -> tuple[Array, Array, Array, Array]:
-        """CSR structure of both triangles; for each block its index in the upper triangle, and whether it is mirrored."""
+        """The CSR structure of both triangles; for each block its index in the upper triangle, and whether it is mirrored."""
         off = np.flatnonzero(self.rows != self.columns)
         rows, columns = np.concatenate([self.rows, self.columns[off]]), np.concatenate([self.columns, self.rows[off]])
         source = np.concatenate([np.arange(self.size), off])
@@ -218,17 +218,17 @@ class Pattern:
         indptr, columns, source, mirrored = self.both
         blocks = blocks.reshape(-1, 3, 3)
         own = np.flatnonzero(self.rows == self.columns)
-        blocks[own] = (blocks[own] + blocks[own].transpose(0, 2, 1)) / 2  # rounding differs across the diagonal
+        blocks[own] = (blocks[own] + blocks[own].transpose(0, 2, 1)) / 2  # rounding differs on both sides of the diagonal
         data = blocks[source]
         data[mirrored] = data[mirrored].transpose(0, 2, 1)
         return sp.csr_array(sp.bsr_array((data, columns, indptr), shape=(3 * self.nodes,) * 2))
 
     def scalar(self, values: Array, skew: bool = False) -> Matrix:
-        """CSR (n, n) from one number (size,) for each upper block; `skew`: those below the diagonal have the opposite sign."""
+        """CSR (n, n) from one number (size,) for each upper block. With `skew`, entries below the diagonal change their sign."""
         indptr, columns, source, mirrored = self.both
         data = np.where(mirrored, -values[source], values[source]) if skew else values[source]
         return sp.csr_array((data, columns.copy(), indptr.copy()), shape=(self.nodes,) * 2)  # each may be changed in place
 
     def spread_diagonal(self, values: Array, skew: bool = False) -> Matrix:
-        """CSR (3n, 3n): the entries of `scalar`, times the unit matrix each."""
+        """CSR (3n, 3n): each entry of `scalar` times the unit matrix (3, 3)."""
         return sp.kron(self.scalar(values, skew), sp.eye_array(3), format="csr")

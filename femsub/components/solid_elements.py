@@ -1,7 +1,7 @@
 """Reference elements of solids: scikit-fem's shape functions and quadrature, in the node order of mesh files.
 
-Kinds and node orders are meshio's (VTK's). scikit-fem's local functions are assigned to nodes by the nodes' coordinates, not
-by a table.
+Kinds and node orders are meshio's (VTK's). scikit-fem's local functions are assigned to nodes by the coordinates of the nodes,
+not by a table.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _HEX_FACES = ((0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 
 _TET = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
 _TET_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TET_FACES = ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))  # outward
-#: six tetrahedra that fill a brick and fit those of its neighbours: one for each order of the axes (Kuhn)
+#: six tetrahedra that fill a brick and match those of neighbouring bricks: one for each order of the axes (Kuhn)
 _SIXTHS = np.array([[0, 1, 2, 6], [0, 5, 1, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 4, 5, 6], [0, 7, 4, 6]])
 _HALVES = np.array([[0, 1, 2], [0, 2, 3]])  #: two triangles that fill a quadrilateral
 
@@ -46,7 +46,7 @@ class Reference:
     nodes : ndarray, shape (k, 3)
         Corners first, in the order of mesh files, in [0, 1]³.
     middles : tuple of tuple of int
-        For each node that is not a corner, the corners whose centre it is.
+        For each node that is not a corner, the corners with this node as their centre.
     faces : tuple of tuple of int
         The corners of each face, anticlockwise seen from outside.
     degree : int
@@ -65,7 +65,7 @@ class Reference:
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
-        """The corners at the ends of each edge, the lower first."""
+        """The corners at the ends of each edge, with the lower index first."""
         ends = {(min(pair), max(pair)) for face in self.faces for pair in zip(face, (*face[1:], face[0]), strict=True)}
         return tuple(sorted(ends))
 
@@ -91,7 +91,7 @@ def skfem_element(kind: str) -> tuple[Any, Array]:
 
 
 def shape_functions(kind: str, X: Array, nodes: Sequence[int] | Array | None = None) -> tuple[Array, Array]:
-    """N (q, k) and ∂N/∂X (q, k, 3) at q reference points X (q, 3), of some nodes or all, in the order of mesh files."""
+    """N (q, k) and ∂N/∂X (q, k, 3) at reference points X (q, 3), for all nodes or some of them, in the order of mesh files."""
     element, order = skfem_element(kind)
     points = np.ascontiguousarray(X.T)
     values = [element.lbasis(points, int(i)) for i in (order if nodes is None else order[nodes])]
@@ -108,14 +108,14 @@ def quadrature(kind: str, degree: int) -> tuple[Array, Array]:
 
 
 def side_quadrature(corners: int, degree: int) -> tuple[Array, Array]:
-    """Points s (q, d) and weights (q,) on the reference line, triangle or square, by its number of corners."""
+    """Points s (q, d) and weights (q,) on the reference line, triangle or square, with 2, 3 or 4 `corners`."""
     refdom = getattr(skfem().refdom, {2: "RefLine", 3: "RefTri", 4: "RefQuad"}[corners])
     s, w = skfem().quadrature.get_quadrature(refdom, degree)
     return s.T, w
 
 
 def on_side(kind: str, corners: Sequence[int] | Array, s: Array) -> tuple[Array, Array]:
-    """Points X (q, 3) of an edge or a face of the reference cell, from its corners and its own s (q, d); and ∂X/∂s (d, 3)."""
+    """Points X (q, 3) on an edge or face of the reference cell, from its corners and its coordinates s (q, d); ∂X/∂s (d, 3)."""
     around = reference(kind).nodes[list(corners)]
     tangents = around[[1, -1][:s.shape[1]]] - around[0]
     return around[0] + s @ tangents, tangents
@@ -131,7 +131,7 @@ def jacobians(points: Array, cells: Array, gradients: Array) -> Array:
 def box(counts: Sequence[int] | Array, kind: str) -> tuple[Array, Array]:
     """Points (n, d) and cells (m, k) of a box of nx x ny x nz bricks, or nx x ny quadrilaterals, of edge 1.
 
-    Tetrahedra are six to a brick, triangles two to a quadrilateral. Coordinates are whole and half numbers, exactly.
+    A brick is divided into six tetrahedra, a quadrilateral into two triangles. Coordinates are exact whole and half numbers.
     """
     size = len(counts)
     what, valid = ("solid element", KINDS) if size == 3 else ("cell of a rectangle", ("quad", "triangle"))
@@ -146,7 +146,7 @@ def box(counts: Sequence[int] | Array, kind: str) -> tuple[Array, Array]:
 
 
 def raised(points: Array, cells: Array, kind: str) -> tuple[Array, Array]:
-    """Add the midside nodes of a kind, each once; cells (m, corners) become (m, k)."""
+    """Points and cells with the midside nodes of a kind, each node once; cells (m, corners) become (m, k)."""
     for size in sorted({len(group) for group in reference(kind).middles}):
         groups = np.array([group for group in reference(kind).middles if len(group) == size])
         keys = np.sort(cells[:, groups].reshape(-1, size), axis=1)

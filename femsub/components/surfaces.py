@@ -1,4 +1,4 @@
-"""Surfaces of solids: their faces, points on them, and the common parts of two surfaces whose meshes do not match."""
+"""Surfaces of solids: their faces, points on the faces, and the common parts of two surfaces whose meshes do not match."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from femsub.components.solid_elements import KINDS, on_side, reference, shape_fu
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The faces of a set of nodes of a mesh, (f,), and its nodes, (n,).
+    """The f faces within a set of nodes of a mesh, and the n nodes of these faces.
 
     Attributes
     ----------
     faces : ndarray, shape (f, k)
-        Places of each face's nodes among those of the surface, in the order of `sides_of`.
+        The nodes of each face as rows of `points`, in the order of `sides_of`.
     points : ndarray, shape (n, 3)
     numbers : ndarray, shape (n,)
         The nodes' numbers, for messages.
@@ -38,12 +38,12 @@ class Surface:
 
     @classmethod
     def of(cls, mesh: Mesh, name: str | None, what: str) -> Surface:
-        """The faces whose nodes are all in a set, which must have no further corners of cells; None is the whole surface.
+        """The faces with all nodes in a set, which must have no other corners of cells; without a name, the whole surface.
 
         Raises
         ------
         InputError
-            Plane cells; a set that is not there or has no whole face; corners that belong to no whole face.
+            Plane cells; an unknown set, or a set without a whole face; corners in the set that belong to no whole face.
 
         Warns
         -----
@@ -80,7 +80,7 @@ class Surface:
 
     @cached_property
     def border(self) -> float:
-        """The length of the straight edges that belong to one face alone."""
+        """The total length of the border: of all edges that belong to one face only, taken as straight."""
         corners = self.faces[:, :self.corners]
         edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         ends, times = np.unique(edges, axis=0, return_counts=True)
@@ -88,22 +88,22 @@ class Surface:
 
     @property
     def excess(self) -> int:
-        """By how much the degree of quadrature is raised where N is no polynomial in x: on quadrilaterals that are oblique."""
+        """The additional degree of quadrature for oblique quadrilaterals, on which N is not a polynomial in x; otherwise 0."""
         if self.corners == 3:
             return 0
-        # the middles of both diagonals, which are one point in a parallelogram
+        # the difference between the middles of both diagonals, which is 0 in a parallelogram
         diagonals = self.polygons[:, ::2].mean(axis=1) - self.polygons[:, 1::2].mean(axis=1)
-        # six degrees more leave less than 1e-10 of the integral of N on faces of usual shape
+        # with six more degrees the error is below 1e-10 of the integral of N on faces of usual shape
         return 6 if np.abs(diagonals).max() > EQUAL * self.radii.max() else 0
 
     @cached_property
     def radii(self) -> Array:
-        """From its centre to its farthest corner, of each face."""
+        """The distance from the centre to the farthest corner of each face, (f,)."""
         return np.linalg.norm(self.polygons - self.centres[:, None], axis=2).max(axis=1)
 
     @cached_property
     def areas(self) -> Array:
-        """Area times normal of each face, (f, 3): half the cross product of two edges of a triangle, of the diagonals else."""
+        """Area times normal of each face, (f, 3): half the cross product of two edges of a triangle, or of both diagonals."""
         P = self.polygons
         return np.cross(P[:, 2] - P[:, 0], P[:, -1] - P[:, 1]) / 2
 
@@ -118,7 +118,7 @@ class Surface:
 
 
 def _within(mesh: Mesh, name: str, rows: Array, what: str) -> Array:
-    """Those of the faces (f, k) whose nodes are all in a set; corners of the set that they leave out are refused."""
+    """The faces, among `rows` (f, k), with all nodes in a set. Corners in the set that belong to none of them are an error."""
     inside = np.zeros(len(mesh.points), dtype=bool)
     inside[mesh.nodes(name)] = True
     rows = rows[inside[rows].all(axis=1)]
@@ -138,7 +138,7 @@ def _within(mesh: Mesh, name: str, rows: Array, what: str) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """Points on a surface: their faces (q,), and the faces' own coordinates there (q, 2)."""
+    """Points on a surface: their faces (q,), and their coordinates s (q, 2) on the reference face."""
 
     surface: Surface
     face: Array
@@ -146,10 +146,10 @@ class Side:
 
     @classmethod
     def nearest(cls, surface: Surface, face: Array, x: Array, steps: int = 20) -> Side:
-        """Where these faces (q,) are nearest to points x (q, 3), by Gauss-Newton in so many `steps` at most.
+        """The points of these faces (q,) that are nearest to x (q, 3), by at most `steps` steps of the Gauss-Newton method.
 
-        Eight are enough where edges are straight. On curved faces steps may grow before they become small. Far from a face they
-        do not converge, and the point is no common one.
+        Eight steps are enough if edges are straight. On curved faces steps may grow before they become small. Far from a face
+        they do not converge, and the point is not a common point.
         """
         s = np.full((len(face), 2), 0.5 if surface.corners == 4 else 1 / 3)
         going = np.arange(len(face))
@@ -164,7 +164,7 @@ class Side:
 
     @cached_property
     def shapes(self) -> tuple[Array, Array]:
-        """N (q, k) and ∂N/∂s (q, k, 2) of the nodes of each face, which are those of the first face of the reference element."""
+        """N (q, k) and ∂N/∂s (q, k, 2) of the nodes of each face, evaluated on the first face of the reference element."""
         nodes = sides_of(self.surface.kind, "faces")[0]
         X, tangents = on_side(self.surface.kind, nodes[:self.surface.corners], self.s)
         N, gradients = shape_functions(self.surface.kind, X, nodes)
@@ -177,7 +177,7 @@ class Side:
 
     @property
     def x(self) -> Array:
-        """(q, 3)."""
+        """The coordinates of the points, (q, 3)."""
         return np.einsum("qk,qki->qi", self.shapes[0], self.surface.points[self.surface.faces[self.face]])
 
     @property
@@ -186,11 +186,11 @@ class Side:
         return self.sparse(self.shapes[0])
 
     def along(self, way: Array) -> Array:
-        """The own coordinates (q, 2) of the part of vectors (q, 3) that is tangential."""
+        """The components ds (q, 2) of the tangential part of vectors (q, 3)."""
         return np.linalg.solve(self.J @ self.J.transpose(0, 2, 1), self.J @ way[:, :, None])[:, :, 0]
 
     def rate(self, way: Array) -> Matrix:
-        """dN along a velocity (q, 3) in the surface, sparse, in the shape of N."""
+        """The rate of N at points that move with the velocity `way` (q, 3) in the surface, sparse, in the shape of N."""
         return self.sparse(np.einsum("qks,qs->qk", self.shapes[1], self.along(way)))
 
     def chosen(self, rows: Array) -> Side:
@@ -202,14 +202,14 @@ class Side:
 
 
 def reach(surface: Surface, face: Array, tol: float | None) -> Array:
-    """How far another surface may be away from these faces: `tol`, by default 5 % of each face's size."""
+    """The largest distance of another surface from these faces: `tol`, by default 5 % of each face's size."""
     return 0.05 * surface.radii[face] if tol is None else np.full(len(face), tol)
 
 
 def common_points(ours: Surface, theirs: Surface, tol: float | None = None) -> tuple[Side, Side, Array, Array]:
-    """Points of quadrature on the common parts of our faces and theirs: on ours, on theirs, x (q, 3), weight (q,).
+    """Quadrature points on the common parts of our faces and theirs: on our side, on their side, x (q, 3), weights (q,).
 
-    `tol` is the largest distance that counts, as in `reach`.
+    `tol` is the largest distance between the surfaces, as in `reach`.
     """
     from scipy.spatial import cKDTree
 
@@ -218,7 +218,7 @@ def common_points(ours: Surface, theirs: Surface, tol: float | None = None) -> t
     several = cKDTree(ours.centres).query_ball_tree(cKDTree(theirs.centres), apart)
     face = np.repeat(np.arange(len(several)), [len(found) for found in several])
     pair = np.fromiter((i for found in several for i in found), dtype=np.intp, count=len(face))
-    # two faces with an angle of 60 degrees or more between them do not lie on each other
+    # two faces at an angle of 60 degrees or more do not lie on each other
     parallel = np.abs(np.einsum("pi,pi->p", ours.frames[face, 2], theirs.frames[pair, 2])) > 0.5
     face, pair = face[parallel], pair[parallel]
     flat = [np.einsum("pki,psi->pks", surface.polygons[at] - ours.centres[face][:, None], ours.frames[face, :2])
@@ -234,9 +234,9 @@ def common_points(ours: Surface, theirs: Surface, tol: float | None = None) -> t
                 triangles.append(parts[:, [0, i, i + 1]])
     face, pair, triangle = np.concatenate(faces), np.concatenate(pairs), np.concatenate(triangles)
     area = np.abs(_cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])) / 2
-    keep = area > EQUAL * EQUAL * ours.radii[face] ** 2  # below, the two touch along a line
+    keep = area > EQUAL * EQUAL * ours.radii[face] ** 2  # smaller parts are faces that touch along a line
     face, pair, triangle, area = face[keep], pair[keep], triangle[keep], area[keep]
-    degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # of N_i N_j
+    degree = max(4 * reference(surface.kind).degree + surface.excess for surface in (ours, theirs))  # the degree of N_i N_j
     s, w = side_quadrature(3, degree)
     N = np.stack([1 - s[:, 0] - s[:, 1], s[:, 0], s[:, 1]], axis=1)
     x = np.einsum("qk,pks->pqs", N, triangle)
@@ -252,10 +252,10 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def clipped(P: Array, Q: Array) -> Array:
-    """The common part of triangles P and Q (p, 3, 2), pair by pair, as polygons (p, 6, 2), some of whose points are the same.
+    """The common parts of triangles P and Q (p, 3, 2), pair by pair, as polygons (p, 6, 2) with repeated points.
 
-    By I. E. Sutherland and G. W. Hodgman, Commun. ACM 17 (1974) 32: P is cut by one edge of Q after the other. No common part
-    gives a single point.
+    By I. E. Sutherland and G. W. Hodgman, Commun. ACM 17 (1974) 32: P is cut by one edge of Q after the other. Without a common
+    part, all points of the polygon are equal.
     """
     turned = _cross(Q[:, 1] - Q[:, 0], Q[:, 2] - Q[:, 0]) < 0
     Q = np.where(turned[:, None, None], Q[:, ::-1], Q)

@@ -1,4 +1,4 @@
-"""How parts meet: joints, ties and rigid links between them, cuts through them, and contacts that slide.
+"""Connections between parts: joints, ties and rigid links, cuts through a model, and sliding contacts.
 
 In: substructures and joints. Out: a `System`, which is a `Substructure` again.
 """

@@ -52,8 +52,8 @@ from femsub.model import (
 class System(Substructure):
     """Joined parts as one substructure: M ẍ + D ẋ + K x = f. `couple` makes it.
 
-    x, shape (n,), are the coordinates that the joints leave. A system is used like any other substructure. Its ports and
-    interface sets are those of the parts; their names begin with the part's, as 'disc.belt'.
+    x, shape (n,), are the coordinates that the joints leave free. A system is used like any other substructure. It has the ports
+    and interface sets of its parts, with the part's name in front, as 'disc.belt'.
 
     Attributes
     ----------
@@ -64,14 +64,14 @@ class System(Substructure):
     open : mapping of str to ndarray of int
         The system's interface: for each part, positions in the interface of the part.
     redundant : int
-        Equations of the joints that follow from the others. They were left out.
+        The number of the joints' equations that follow from other equations. They were left out.
     multipliers : mapping of str to matrix, shape (m, n)
-        For each joint with Lagrange multipliers, by its name: G with λ = G x. The joint acts with the forces -C_pᵀλ on the
-        interface of the part p; C_p is that of its `Link`.
+        For each joint with Lagrange multipliers, by its name: G with λ = G x. The joint exerts the forces -C_pᵀλ on the
+        interface of the part p, with the C_p of its `Link`.
     assembly : str
         'primal' or 'dual', as in `couple`.
     spurious : int
-        Negative or infinite eigenvalues ω² of the assembly of dual Craig-Bampton parts. The system does not contain them.
+        The number of negative or infinite ω² in the assembly of dual Craig-Bampton parts. The system does not contain them.
     estimate : Estimate, optional
         Error estimates of its modes in the band, if its parts were reduced to a tolerance of the system.
 
@@ -120,7 +120,7 @@ class System(Substructure):
                 f"{joints}, {kind}, {self.interface_rows.shape[0]} interface DOF{beside}")
 
     def dof_name(self, row: int) -> str:
-        """The part's name of the first of its DOF that move with this coordinate, as 'pad: uz at node 12'."""
+        """The name of the first DOF that moves with this coordinate, with its part, as 'pad: uz at node 12'."""
         column = self.L[:, [row]]
         at = int(np.argmax((column.toarray() if sp.issparse(column) else column).ravel() != 0))
         ends = np.cumsum([0, *(part.size for part in self.parts.values())])
@@ -135,13 +135,13 @@ class System(Substructure):
 
     @property
     def interface_numbers(self) -> Array:
-        """The coordinates that are the interface, shape (n_b,); -1 where it is spread over many coordinates."""
+        """The coordinates that are interface DOF, shape (n_b,); all -1 if the interface combines several coordinates."""
         count = sum(map(len, self.open.values()))
         return self.interface if len(self.interface) == count else np.full(count, -1)
 
     @cached_property
     def interface_dofs(self) -> DofMap | None:
-        """The maps of all parts in one, with nodes numbered anew from 1; None if a part has no map."""
+        """One DOF map of the interface DOF of all parts, with nodes numbered anew from 1; None if a part has no map."""
         names = [name for name, places in self.open.items() if len(places)]
         maps = [self.parts[name].interface_dofs for name in names]
         if not maps or any(one is None or one.points is None for one in maps):
@@ -172,21 +172,21 @@ class System(Substructure):
         return found
 
     def rigid_inertia(self) -> Inertia | None:
-        """The forces of rigid accelerations of all parts together; None if those of a part are not known."""
+        """The inertia forces of rigid accelerations of all parts together; None if those of a part are not known."""
         own = [part.rigid_inertia() for part in self.parts.values()]
         known = [one for one in own if one is not None]
         return None if len(known) < len(own) else Inertia(np.asarray(self.L.T @ np.vstack([one.forces for one in known])),
                                                           np.sum([one.mass for one in known], axis=0))
 
     def collected(self, u: Mapping[str, Array]) -> Array:
-        """The x whose L x comes nearest to given displacements of the parts, as `expand` lists them; shape (n,) or (n, k).
+        """The x, (n,) or (n, k), for which L x is closest to given displacements of the parts, listed as by `expand`.
 
         A superelement of another program, whose coordinates are the first of its DOF, counts as a full part.
 
         Raises
         ------
         InputError
-            A part is reduced, so that its coordinates are no displacements.
+            A part is reduced, so its coordinates are not displacements.
         """
         blocks = []
         mapping("u", u, "names and displacements, as expand gives them")
@@ -201,18 +201,16 @@ class System(Substructure):
             blocks.append(part.collected(inner) if isinstance(part, System) else u[name][:part.size])
         L = sp.csc_array(self.L)
         gram, load = L.T @ L, L.T @ np.concatenate(blocks)
-        factor = splu(sp.csc_array(gram + sp.diags_array((gram.diagonal() == 0) * 1.0)))  # multipliers move nothing, and are 0
+        factor = splu(sp.csc_array(gram + sp.diags_array((gram.diagonal() == 0) * 1.0)))  # 0 for multipliers
         return factor.solve(load.real) + 1j * factor.solve(load.imag) if np.iscomplexobj(load) else factor.solve(load)
 
     def with_parts(self, parts: Mapping[str, Substructure]) -> System:
-        """The same joints between other models of the parts, such as reduced ones; a part that is not named stays.
-
-        The interface is the same, too.
+        """The system with other models of some parts, such as reduced models, and with the same joints and interface.
 
         Raises
         ------
         InputError, InputTypeError
-            A name that is no part; damping that the system got after its parts were joined; see `couple`.
+            A name that is not a part; a system whose damping was changed after its parts were joined; see `couple`.
         """
         for name in mapping("parts", parts, "names and substructures, as {'disc': rom}"):
             choice("part", name, self.parts)
@@ -223,7 +221,7 @@ class System(Substructure):
         return couple(dict(self.parts) | dict(parts), self.joints, self.name, assembly=self.assembly, interface=ends)
 
     def with_damping(self, D: Any) -> Self:
-        """A copy with another D, shape (n, n), and without the estimate, which is not valid for it."""
+        """A copy with another D, shape (n, n). It has no estimate, since the estimate is not valid for another D."""
         return super().with_damping(D).estimated_by(None)._damped_here()
 
     def with_structural_damping(self, H: Any) -> Self:
@@ -234,15 +232,15 @@ class System(Substructure):
         return self._with(own_damping=True, pencil=self.pencil)
 
     def estimated_by(self, estimate: Estimate | None) -> Self:
-        """A copy that carries an estimate of its errors, whose cut-off is not above the system's."""
+        """A copy with this estimate of its errors, whose cut-off is limited to the system's."""
         within = None if estimate is None else replace(estimate, cutoff=min(estimate.cutoff, self.cutoff))
         return self._with(estimate=within, pencil=self.pencil)
 
     def interface_forces(self, omega: Array, x: Array) -> dict[str, Array]:
         """The forces g on the interface of each part in undamped motion: Bᵀg = (K - ω²M)q with u_b = Bq, {name: (n_b, k)}.
 
-        On a full part g is what its own elasticity and inertia leave to the joints. Of a reduced part whose interface is spread
-        over generalised coordinates it is the g that comes nearest.
+        g are the forces of the joints, which balance the elastic and inertia forces of the part. In a reduced part whose
+        interface displacements combine several coordinates, g is the least-squares solution.
 
         Parameters
         ----------
@@ -273,16 +271,15 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     M, D, K = Lᵀ diag(M_p, D_p, K_p) L + Σ Rᵀ(0, c, k)R with q = L x. L spans all motions that the joints allow; c and k are
     dampers and springs on the motions R q.
 
-    The parts may be full, reduced by any method, or systems, in any mix. DOF that are equal become one coordinate. A DOF that
-    is equal to a sum of others is replaced by that sum. Where an interface is spread over generalised coordinates (Craig-Chang),
-    its joined displacements become coordinates first. Where they are not independent, a basis of the equations' null space is
-    taken. Parts reduced by `DualCraigBampton` are joined weakly, by
-    their interface forces.
+    The parts may be full, reduced by any method, or systems, in any combination. Equal DOF become one coordinate. A DOF that is
+    equal to a sum of other DOF is replaced by that sum. If interface displacements combine several generalised coordinates
+    (Craig-Chang), the joined displacements become coordinates first. If they are not independent, a basis of the equations' null
+    space is used. Parts reduced by `DualCraigBampton` are joined weakly, by their interface forces.
 
     Parameters
     ----------
     parts : mapping of str to Substructure
-        The parts by name. A name has no dot.
+        The parts by name. A name must not contain a dot.
     joints : sequence of Joint
         `Rigid`, `Spring`, `Tied`, `Averaged`, `Kinematic`, or a subclass of `femsub.coupling.joints.Joint`.
     name : str
@@ -291,19 +288,19 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
         K = [[K, Aᵀ], [A, 0]], M = diag(M, 0). This K is indefinite. The finite eigenvalues are those of "primal":
         `complex_modes` projects the multipliers out first.
     interface : sequence of ends, optional
-        The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. By default
-        all interface DOF of the parts that are not joined. A named set that is joined only in part stays whole.
+        The interface of the system, for further joints: (part, set) or (part, list of DOF). Joined DOF are allowed. The default
+        is all interface DOF of the parts that are not joined, and all DOF of named sets that are only partly joined.
 
     Returns
     -------
     System
-        A `Substructure` again; ``.expand(x)`` gives the displacements of each part.
+        A `Substructure` again; ``.expand(x)`` returns the displacements of each part.
 
     Raises
     ------
     InputError, InputTypeError
-        A part that is joined to nothing, an unknown part or set, interfaces that do not meet, an end that is not an
-        interface DOF, joints that allow no motion. The message names the part and the joint.
+        A part without any joint, an unknown part or set, interfaces that do not meet, an end that is not an interface DOF,
+        joints that allow no motion. The message names the part and the joint.
 
     References
     ----------
@@ -330,7 +327,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     links = [linked(joint, parts) for joint in joints]
     check_connected(parts, links)
     full = {key: part for key, part in parts.items() if not isinstance(part, ReducedSubstructure)}
-    for key, part in full.items():  # joints reach the interface, contacts the ports
+    for key, part in full.items():  # joints act on the interface, contacts on ports
         acting = [part.D, part.H, *(w.reshape(part.size, -1) for w in part.ports.values())]
         part.refuse_empty(*acting, rows=part.interior, name=key)
     C, owner = conditions(parts, links)
@@ -342,7 +339,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     forces = sp.csr_array(-by_force @ C.T)
 
     def refuse(owner: Array, equations: int, coordinates: int) -> None:
-        """Locked coordinates are a result of too few modes, unless all parts of these joints have all of theirs."""
+        """Raises an error for locked coordinates. They are caused by too few modes, unless the parts have all their modes."""
         named = dict.fromkeys(owner.tolist())
         if any(np.isfinite(parts[part].cutoff) for i in named for part in links[i].equations):
             raise InputError(f"{', '.join(repr(joints[i]) for i in named)}: the {equations} equations leave no motion to the "
@@ -357,7 +354,7 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     weakly = False
     if dual.any() or by_force.nnz:
         forces = forces[:, np.flatnonzero(dual)]
-        # on the open interface, and where springs pull beside the joints
+        # forces on the open interface, and forces on DOF with springs
         kept = (np.bincount(C.indices, minlength=len(compliance)) == 0) | (sprung(parts, links).astype(float) @ abs(by_force) > 0)
         kept &= compliance > 0
         K = block_diagonal([part.K for part in parts.values()])
@@ -387,26 +384,26 @@ def couple(parts: Mapping[str, Substructure], joints: Sequence[Joint], name: str
     if not weakly:
         matrices = _matrices(parts, springs, joined, equations.unit, dense)
     M, D, K = matrices if len(joined.owner) and not weakly else _settled(parts, springs, joined, matrices)
-    # a system of full and reduced parts is kept dense from the share of entries on from which `product` multiplies dense matrices
+    # a system of full and reduced parts is dense above the share of entries at which `product` multiplies dense matrices
     if sp.issparse(K) and not all(sp.issparse(part.K) for part in parts.values()) and K.nnz > 0.3 * K.shape[0] ** 2:
         M, D, K = (A.toarray() for A in (M, D, K))
     L = joined.S if sp.issparse(K) else joined.S.toarray()
     unit, ports, losses = reach(joined.S, equations.unit), {}, []
-    noise = [np.zeros((L.shape[1], 0))]  # the rounding of all projections in D: that of the parts, and that of LᵀDL
+    noise = [np.zeros((L.shape[1], 0))]  # the rounding of all projections in D: of the parts, and of LᵀDL
     for (key, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
         noise += [abs(joined.S[rows]).T @ part.noise, size_of_products(part.D, joined.S[rows])]
         if part.H is not None:
             losses.append(L[rows].T @ (part.H @ L[rows]))
         for port, w in part.ports.items():
-            # Lᵀw, exactly 0 where the joints hold the port: else it would lose its stability at a slope of 1e30
+            # Lᵀw, exactly 0 if the joints hold the port: with rounding in it, stability would be lost at a slope of 1e30
             loads = w.reshape(len(w), -1)
             whole = (np.abs(loads) * equations.unit[rows, None]).max(axis=0, initial=0.0)
             ports[f"{key}.{port}"] = links_without_rounding([(loads.T @ L[rows], whole)], unit).T.reshape(-1, *w.shape[1:])
     H = sum(losses[1:], losses[0]) if losses else None
-    sets = {}  # those of the parts, 'disc.left', that are whole in the interface of the system
+    sets = {}  # the parts' sets, 'disc.left', with all their DOF in the interface of the system
     for key, part in parts.items():
         for inner, places in part.sets.items():
-            at = np.array(list(dict.fromkeys(place[key][places].tolist())), dtype=np.intp)  # DOF may have become one
+            at = np.array(list(dict.fromkeys(place[key][places].tolist())), dtype=np.intp)  # two DOF may be one coordinate now
             if len(at) and (at >= 0).all():
                 sets[f"{key}.{inner}"] = at
     multipliers: dict[str, Matrix] = {}
@@ -427,7 +424,7 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
               unit: Array, dense: bool) -> tuple[Matrix, Matrix, Matrix]:
     """M, D, K in the coordinates of the system, with springs and multipliers."""
     S = joined.S.toarray() if dense else joined.S
-    alike = not dense and is_identity(S)  # nothing is joined but by springs and contacts: each product would be a copy
+    alike = not dense and is_identity(S)  # only springs and contacts join the parts: each product would be a copy
     own, rows_of = reach(joined.S, unit), dict(zip(parts, rows_of_parts(parts), strict=True))
     moved = []
     for _, link in springs:
@@ -439,7 +436,7 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
         if dense:
             A = np.zeros((S.shape[1], S.shape[1]))
             for matrix, rows in zip(matrices, rows_of_parts(parts), strict=True):
-                moving = np.unique(joined.S[rows].indices)  # few coordinates of the system move a part
+                moving = np.unique(joined.S[rows].indices)  # only a few coordinates of the system move a part
                 T = joined.S[rows][:, moving]
                 A[np.ix_(moving, moving)] += product(T.T, product(matrix, T))
         else:
@@ -448,11 +445,11 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
                 A = sp.csr_array(S.T @ (A @ S))
         plain = all(is_symmetric(one) for one in (*matrices, *(link.damping for _, link in springs if key == "D")))
         if plain and not alike:
-            A = (A + A.T) / 2  # but for rounding it is symmetric
+            A = (A + A.T) / 2  # A is symmetric up to rounding
         added = [R.T @ (C if dense else sp.csr_array(C)) @ R for R, link in moved if of and np.any(C := getattr(link, of))]
         if key == "K" and len(joined.owner):
             added.append(joined.work().toarray() if dense else joined.work())
-        if added:  # summed first: they have few entries, and A has many
+        if added:  # summed first, since these matrices have few entries and A has many
             few = sum(added)
             A = A + ((few + few.T) / 2 if plain else few)
         found.append(A)
@@ -461,10 +458,10 @@ def _matrices(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix,
 
 def _settled(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, Link]], joined: Multiplied,
              matrices: tuple[Matrix, Matrix, Matrix]) -> tuple[Matrix, Matrix, Matrix]:
-    """M, D, K with 0 for what is only rounding: coordinates without mass, and those of rigid motion.
+    """M, D, K in which mass and stiffness that are only rounding are 0, for massless coordinates and rigid motion.
 
-    m_jj and k_jj are compared with the sums of the sizes of which they are left. Only in these sums can be seen that a
-    coordinate is free. Where each coordinate is a DOF nothing cancels.
+    m_jj and k_jj are compared with the sum of the absolute values of their terms: only this sum shows that a coordinate has no
+    mass or no stiffness. If each coordinate is a DOF, nothing cancels.
     """
     S = sp.csc_array(joined.S)
     mixed = np.flatnonzero(np.bincount(np.repeat(np.arange(S.shape[1]), np.diff(S.indptr)), S.data != 1.0, S.shape[1]))
@@ -483,15 +480,15 @@ def _settled(parts: Mapping[str, Substructure], springs: Sequence[tuple[Matrix, 
             bound["K"] += moved.multiply(abs(link.stiffness) @ moved).sum(axis=0)
     M, D, K = matrices
     stiffness = np.abs(K.diagonal())
-    # links up to ROUNDING of a motion are none, so a mass up to the square of that, beside the stiffness of the coordinate
+    # entries of L up to ROUNDING of a motion count as 0, so a mass up to ROUNDING², relative to the stiffness, does too
     least = ROUNDING**2 * stiffness[mixed] / units(M.diagonal(), stiffness)[1]
-    bound["M"] = np.maximum(bound["M"], least / SUMS)  # of which `without_dust` takes SUMS
+    bound["M"] = np.maximum(bound["M"], least / SUMS)  # `without_dust` multiplies it by SUMS
     M, K = (without_dust(A, np.bincount(mixed, bound[key], len(stiffness))) for key, A in (("M", M), ("K", K)))
     return M, D, K
 
 
 def linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
-    """What a joint says, with its name in the message where it cannot say it, and its sizes checked."""
+    """The `Link` of a joint, with checked sizes. An error names the joint."""
     try:
         link = instance("what a joint's link returns", joint.link(parts), Link)
     except (InputError, InputTypeError) as error:
@@ -507,8 +504,8 @@ def linked(joint: Joint, parts: Mapping[str, Substructure]) -> Link:
 
 
 def check_connected(parts: Mapping[str, Substructure], links: Sequence[Link]) -> None:
-    """All parts hang together, by joints or by the ground."""
-    names, ground = list(parts), "."  # the ground is one more, whose name no part can have
+    """Raises an error unless all parts are connected, by joints or through the ground."""
+    names, ground = list(parts), "."  # the ground counts as a part; names of parts contain no dot
     groups = [{name} for name in (*names, ground)]
     for link in links:
         members = {*link.equations, *link.motions, *([ground] if link.grounded else [])}
@@ -529,14 +526,14 @@ def rows_of_parts(parts: Mapping[str, Substructure]) -> list[slice]:
 
 
 def units_of_energy(parts: Mapping[str, Substructure]) -> Array:
-    """How far each coordinate moves at unit energy: (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
+    """The displacement of each coordinate at unit energy, (N,): (k_jj + ω² m_jj)^(-1/2) with a typical ω of all parts."""
     K = np.concatenate([np.abs(part.K.diagonal()) for part in parts.values()])
     M = np.concatenate([np.abs(part.M.diagonal()) for part in parts.values()])
     return units(M, K)[0]
 
 
 def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, int]) -> Matrix:
-    """The matrices of joints on some parts each, below each other for the coordinates of all parts: sparse, (m, Σ widths)."""
+    """The matrices of joints, each on some of the parts, stacked for the coordinates of all parts: sparse, (m, Σ widths)."""
     ends = np.cumsum([0, *widths.values()])
     whole = sp.eye_array(ends[-1], format="csr")
     picked = {name: whole[a:b] for name, (a, b) in zip(widths, pairwise(ends), strict=True)}
@@ -545,7 +542,7 @@ def on_all_parts(tables: Sequence[Mapping[str, Matrix]], widths: Mapping[str, in
 
 
 def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tuple[Matrix, Array]:
-    """C (m, Σ n_b) with C u_b = 0 of all joints below each other, for the interfaces of all parts; and the joint of each row."""
+    """C (m, Σ n_b), the stacked equations C u_b = 0 of all joints on the interfaces of all parts, and the joint of each row."""
     widths = {name: len(part.interface_numbers) for name, part in parts.items()}
     found = {number: link.equations for number, link in enumerate(links) if link.equations}
     counts = [next(iter(table.values())).shape[0] for table in found.values()]  # equations of each joint
@@ -554,10 +551,10 @@ def conditions(parts: Mapping[str, Substructure], links: Sequence[Link]) -> tupl
 
 
 def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equations) -> tuple[Matrix, Equations]:
-    """q = T z, sparse, and the `given` equations C u_b = 0 in z, which has joined interface displacements among its coordinates.
+    """q = T z, sparse, and the `given` equations C u_b = 0 in z. Joined interface displacements are coordinates in z.
 
-    Where an interface is spread over generalised coordinates (Craig-Chang), its displacements take the place of as many of these
-    if they are independent. Else equations between such parts would couple all coordinates of all parts in a row.
+    If the interface displacements of a part combine several coordinates (Craig-Chang), and are independent, they replace as many
+    of these coordinates. Otherwise equations between such parts would couple all coordinates of all parts joined in a row.
     """
     turns, rows, kinds, start = [], [], [], 0
     used = np.bincount(C.indices, minlength=C.shape[1]) > 0
@@ -567,10 +564,10 @@ def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equatio
         start += B.shape[0]
         T, places = None, joined
         if len(joined):
-            # units of energy at the part's lowest ω², at which its displacements cost next to nothing but strain
+            # units of energy at the part's lowest ω², where the energy of its displacements is almost only strain energy
             mass, stiffness = np.abs(part.M.diagonal()), np.abs(part.K.diagonal())
             square = np.divide(stiffness, mass, out=np.zeros(len(mass)), where=mass > 0)
-            square = square[square > SINGULAR * square.max(initial=0.0)]  # less is the stiffness that rounding gives rigid motion
+            square = square[square > SINGULAR * square.max(initial=0.0)]  # smaller values are rounding, of rigid motion
             energy = stiffness + float(square.min() if len(square) else 1.0) * mass
             T, places = recovered(B[joined], comparable(np.where(energy > 0, energy, 1.0) ** -0.5))
         if T is not None:
@@ -588,8 +585,9 @@ def with_interfaces(parts: Mapping[str, Substructure], C: Matrix, given: Equatio
 
 
 def forces_on_parts(parts: Mapping[str, Substructure], unit: Array) -> tuple[Matrix, Array]:
-    """A (N, Σ n_b), sparse: what forces at all interfaces do in parts that are reduced by such forces; and the square of how far
-    their DOF move at unit energy of such a part, shape (Σ n_b,).
+    """A (N, Σ n_b), sparse, and the compliance (Σ n_b,) of interface DOF of parts that are reduced by interface forces.
+
+    A gives the coordinates of these parts from interface forces. The compliance is the squared displacement at unit energy.
     """
     places, compliance = [], []
     for part, rows in zip(parts.values(), rows_of_parts(parts), strict=True):
@@ -598,20 +596,20 @@ def forces_on_parts(parts: Mapping[str, Substructure], unit: Array) -> tuple[Mat
         squares = np.zeros(place.shape[1])
         if place.nnz:
             others = np.diff(place.indptr) == 0
-            squares = np.asarray(part.interface_rows)[:, others] ** 2 @ unit[rows][others] ** 2  # modes may not move a DOF at all
+            squares = np.asarray(part.interface_rows)[:, others] ** 2 @ unit[rows][others] ** 2  # 0 if no mode moves the DOF
             squares += np.einsum("ij,ij->j", place.toarray(), part.K @ place.toarray())
         compliance.append(squares)
     return sp.csr_array(block_diagonal(places)), np.concatenate(compliance)
 
 
 def springs_of(parts: Mapping[str, Substructure], links: Sequence[Link]) -> list[tuple[Matrix, Link]]:
-    """R (s, N) of each joint with springs or dampers, on the coordinates of all parts: they act on the motion R q."""
+    """R (s, N) of each joint with springs or dampers, which act on the motion R q of the coordinates of all parts."""
     widths = {name: part.size for name, part in parts.items()}
     return [(on_all_parts([link.motions], widths), link) for link in links if link.motions]
 
 
 def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
-    """Which coordinates of the parts springs move, shape (N,)."""
+    """Which coordinates of the parts are connected to springs or dampers, bool, shape (N,)."""
     found = np.zeros(sum(part.size for part in parts.values()), dtype=bool)
     for R, _ in springs_of(parts, links):
         found[R.indices] = True
@@ -619,7 +617,7 @@ def sprung(parts: Mapping[str, Substructure], links: Sequence[Link]) -> Array:
 
 
 def open_rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, Array]) -> Matrix:
-    """B_p L_p of the open places of all parts below each other, sparse, shape (n_b, n)."""
+    """The stacked rows B_p L_p of the open interface DOF of all parts, sparse, shape (n_b, n)."""
     found = [sp.csr_array((0, L.shape[1]))]
     for (name, part), rows in zip(parts.items(), rows_of_parts(parts), strict=True):
         places = open_.get(name, ())
@@ -632,7 +630,7 @@ def open_rows(parts: Mapping[str, Substructure], L: Matrix, open_: Mapping[str, 
 
 
 def unjoined(parts: Mapping[str, Substructure], links: Sequence[Link]) -> dict[str, Array]:
-    """The places of each part's interface that no equation touches; of a set that has some of these all."""
+    """The places in each part's interface that no equation uses, and all places of a set that has at least one of these."""
     left_of = {name: np.ones(len(part.interface_numbers), dtype=bool) for name, part in parts.items()}
     for link in links:
         for name, matrix in link.equations.items():
@@ -658,16 +656,16 @@ def listed(parts: Mapping[str, Substructure], ends: Sequence[End]) -> dict[str, 
 
 def distinct(parts: Mapping[str, Substructure], chosen: Mapping[str, Array], L: Matrix,
               unit: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-    """The chosen places without those that are held, or equal to an earlier one; and, for every place in the interface of a
-    part, its place in that of the system (-1: none).
+    """The open places, and for each place in a part's interface its place in the system's interface (-1: none).
 
-    Within one part only equal coordinates count: shapes of a reduced part may move two DOF alike by chance.
+    Open are the chosen places whose DOF moves, and is not equal to the DOF of an earlier place. Within one part, DOF are equal
+    only if they are the same coordinate: the shapes of a reduced part may move two DOF equally by chance.
     """
     B = sp.csr_array(open_rows(parts, L, chosen) @ sp.diags_array(unit))
     size = np.sqrt(B.multiply(B).sum(axis=1))
     moving = size > 0
     B = sp.csr_array(sp.diags_array(1 / np.where(moving, size, 1.0)) @ B)
-    # equal rows have equal values in any direction
+    # equal rows have equal products with a random vector
     value = B @ np.random.default_rng(3).standard_normal(B.shape[1])
     order = np.argsort(np.where(moving, value, np.inf), kind="stable")[:int(moving.sum())]
     one, other = order[:-1], order[1:]

@@ -1,4 +1,4 @@
-"""`cut`: a mesh or a pair of matrices cut into parts, with the joints that make them whole again."""
+"""`cut`: a mesh, or the matrices of a substructure, cut into parts, with the joints that restore the whole model."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from femsub.components.chain import chain
 from femsub.coupling.joints import Rigid
 from femsub.model import DofMap, Substructure
 
-PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that name sets of nodes
+PLACES = ("supports", "interface", "ports")  # arguments of `plate` and `solid` that refer to sets of nodes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cut(Frozen):
-    """Parts of one model, and the joints between them. `cut` makes it; ``parts, joints = cut(...)`` takes it apart.
+    """Parts of one model, and the joints between them, as `cut` returns them. ``parts, joints = cut(...)`` unpacks it.
 
     Attributes
     ----------
     parts : mapping of str to Substructure
     joints : tuple of Rigid
-        One for each group of parts that meet. It joins all DOF that these parts, and no others, share.
+        One joint for each group of parts that meet. It joins the DOF that these parts share, and no other part has.
     rows : mapping of str to ndarray of int, shape (n_p,)
         For each part, its DOF as rows of the model.
     cells : mapping of str to ndarray of int
         For each part, its cells as rows of the mesh; empty for matrices.
     meshes : mapping of str to Mesh
-        For each part its mesh, with the model's node numbers and what it has of the sets and groups; empty for matrices.
+        For each part its mesh, with the model's node numbers and the part's share of sets and groups; empty for matrices.
     size : int
         The number of DOF of the model, n.
 
@@ -69,7 +69,7 @@ class Cut(Frozen):
                 f"{len(self.joints)} joint{'s' * (len(self.joints) != 1)}")
 
     def whole(self, u: Mapping[str, Array]) -> Array:
-        """The displacements of the model, shape (n,) or (n, k), from those of its parts, as `System.expand` gives them."""
+        """The displacements of the model, (n,) or (n, k), from those of its parts, as `System.expand` returns them."""
         kinds = [np.asarray(u[name]) for name in self.rows]
         found = np.zeros((self.size, *kinds[0].shape[1:]), dtype=np.result_type(*kinds))
         for name, rows in self.rows.items():
@@ -81,38 +81,39 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
         sets: Sequence[str] | None = None, **arguments: Any) -> Cut:
     """Cut a mesh, or a substructure's matrices, into parts that `couple` joins to the same model again.
 
-    K = Σ_p L_pᵀ K_p L_p with L_p (n_p, n) picking the part's DOF from the model's; M and D likewise. DOF at a cut belong to all
-    parts that meet there, and to the interface of each. Supports, ports, named sets and damping go to the parts that have them.
+    K = Σ_p L_pᵀ K_p L_p, where L_p (n_p, n) selects the part's DOF; M and D likewise. DOF at a cut belong to all parts that meet
+    there, and to the interface of each. Supports, ports, named sets and damping go to the parts that have their DOF.
 
-    A mesh is cut between its cells, and K_p is the sum of the part's own elements: any reduction method may follow. Of matrices
-    the elements are not known. The entries between DOF at a cut are then divided between the parts. Craig-Bampton and Guyan use
-    their sum alone, and serve as well as for a mesh. All other methods need a K_p that is positive semidefinite, and refuse
-    another one (SingularMatrixError). K_p is so where K is diagonally dominant, as for chains of springs; else cut the mesh.
+    A mesh is cut between its cells, and K_p is the sum of the part's own elements: any reduction method may follow. The elements
+    of a substructure's matrices are not known. So the entries between DOF at a cut are divided between the parts. Craig-Bampton
+    and Guyan use only the sum of these entries, so they are as accurate as for a mesh. All other methods need a positive
+    semidefinite K_p, and refuse another K_p (SingularMatrixError). K_p is semidefinite if K is diagonally dominant, as for chains
+    of springs. Otherwise cut the mesh.
 
     Parameters
     ----------
     model : Mesh or Substructure
     build : function, for a mesh
-        Makes the component of a mesh: `plate`, `solid`, or a function of your own with their keywords. It must give the DOF
-        a map with the mesh's node numbers.
+        Makes the component of a mesh: `plate`, `solid`, or a function of your own with their keywords. The component must have a
+        DOF map with the mesh's node numbers.
     into : int, 2 or more
-        The number of parts. SCOTCH (of PETSc) chooses them, with little to share; without it they are halves of halves. A port
-        stays in one part. The parts are called 'p1', 'p2', ...
+        The number of parts. SCOTCH (of PETSc) chooses parts with few shared DOF; without SCOTCH the model is halved repeatedly.
+        A port stays in one part. The parts are called 'p1', 'p2', ...
     sets : sequence of str, for a mesh
-        Instead of `into`: groups of cells, each of which becomes a part of that name. Each cell must be in one.
+        Instead of `into`: names of groups of cells. Each group becomes a part with this name. Each cell must be in one group.
     **arguments
-        For `build`, with `supports`, `interface` and `ports` for the whole mesh.
+        Arguments of `build`. `supports`, `interface` and `ports` refer to the whole mesh.
 
     Returns
     -------
     Cut
-        Unpacks to the parts, by name, and the joints. The DOF that some parts share are the interface set
-        'p1+p2' of each of them, called after these parts.
+        Unpacks to the parts, by name, and the joints. The DOF that parts share form an interface set in each of them, called
+        after these parts, as 'p1+p2'.
 
     Raises
     ------
     InputError, InputTypeError
-        More parts than cells or nodes; an unknown or empty group, groups that overlap or leave cells over; a port across
+        More parts than cells or nodes; an unknown or empty group, groups that overlap or do not contain all cells; a port across
         several parts.
 
     References
@@ -162,9 +163,9 @@ def cut(model: Mesh | Substructure, build: Callable[..., Substructure] | None = 
 
 
 def cut_mesh(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Mesh]:
-    """The mesh in so many pieces, each with the model's node numbers and the sets 'p1+p2' of nodes that some pieces share.
+    """The mesh in `into` pieces, each with the mesh's node numbers and with sets, as 'p1+p2', of the nodes that pieces share.
 
-    The nodes with the numbers of each of `under` are in one piece.
+    Each array in `under` contains node numbers that stay together in one piece.
     """
     cells = _pieces(mesh, into, under)
     member = np.zeros((len(mesh.points), len(cells)), dtype=bool)
@@ -178,7 +179,9 @@ def cut_mesh(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Mesh]:
 
 
 def _pieces(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Array]:
-    """Cells that hang together by faces (of a plane mesh by edges), in so many pieces. Those at nodes of one `under` are in one.
+    """The cells of `into` pieces, connected by faces (in a plane mesh by edges).
+
+    The nodes in each array of `under` stay together in one piece.
     """
     count = len(mesh.cells)
     if count == 1:
@@ -189,7 +192,7 @@ def _pieces(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Array]:
     beside = neighbours.data >= mesh.dimension
     graph = sp.csr_array((np.ones(beside.sum()), (neighbours.row[beside], neighbours.col[beside])), shape=(count, count))
     cells, numbers = mesh.cells, mesh.numbers
-    if mesh.kind == "triangle":  # a plate's edges have DOF, too
+    if mesh.kind == "triangle":  # the edges of a plate's triangles have DOF, too
         edges, of_cell, _ = edges_of(mesh)
         cells = np.hstack([cells, len(numbers) + of_cell])
         numbers = np.concatenate([numbers, numbers.max() + 1 + np.arange(len(edges))])
@@ -197,7 +200,7 @@ def _pieces(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Array]:
     together = []
     for wanted in under:
         beneath = np.isin(numbers, wanted)
-        held = nodes @ beneath  # how many of its nodes each cell has
+        held = nodes @ beneath  # the number of these nodes in each cell
         cell, node = sp.coo_array(nodes[:, beneath]).coords
         order = np.lexsort((cell, -held[cell], node))
         together.append(np.unique(cell[order][np.flatnonzero(np.diff(node[order], prepend=-1))]))
@@ -206,7 +209,7 @@ def _pieces(mesh: Mesh, into: int, under: Sequence[Array]) -> dict[str, Array]:
 
 
 def _partition(graph: Matrix, into: int, together: Sequence[Array]) -> Array:
-    """The part of each node of a graph, (n,); the nodes of each group of `together` are in one part."""
+    """The part of each node of a graph, (n,). The nodes of each group in `together` are in the same part."""
     pairs = np.concatenate([np.stack([group, np.full(len(group), group[0])]) for group in together if len(group)]
                            + [np.zeros((2, 0), dtype=int)], axis=1)
     count, cluster = connected_components(sp.csr_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=graph.shape),
@@ -218,13 +221,13 @@ def _partition(graph: Matrix, into: int, together: Sequence[Array]) -> Array:
 
 
 def _incidence(cells: Array, count: int) -> Matrix:
-    """Which nodes each cell has, 1.0 each, (m, n)."""
+    """The incidence matrix of cells and nodes, sparse, (m, n): 1.0 for each node of a cell."""
     return sp.csr_array((np.ones(cells.size), cells.ravel(), np.arange(0, cells.size + 1, cells.shape[1])),
                         shape=(len(cells), count))
 
 
 def _piece(mesh: Mesh, cells: Array, name: str) -> tuple[Mesh, Array]:
-    """Some cells of a mesh as a mesh of its own with the same node numbers, and its nodes as rows of the mesh."""
+    """Some cells of a mesh as a separate mesh with the same node numbers, and its nodes as rows of the whole mesh."""
     nodes, places = np.unique(mesh.cells[cells], return_inverse=True)
     groups = {key: np.flatnonzero(np.isin(cells, chosen)) for key, chosen in mesh.groups.items()}
     sets = {key: here for key, chosen in mesh.sets.items() if len(here := np.flatnonzero(np.isin(nodes, chosen)))}
@@ -233,7 +236,7 @@ def _piece(mesh: Mesh, cells: Array, name: str) -> tuple[Mesh, Array]:
 
 
 def _places(whole: DofMap | None, part: DofMap | None, mesh: Mesh, piece: Mesh, nodes: Array) -> tuple[Array, Array]:
-    """For DOF of a part their rows in the whole, and which DOF of the part these are; DOF that are held are in neither."""
+    """The rows in the whole model of a part's DOF, and the numbers of these DOF in the part; held DOF are left out."""
     if whole is None or part is None or whole.labels != part.labels:
         raise InputError("build gives the component of a part of the mesh another map of its DOF than that of the whole mesh")
     numbers = part.nodes.copy()
@@ -273,7 +276,7 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
 
 
 def in_rows(whole: Substructure, rows: dict[str, Array], common: Sequence[Matrix] | None = None) -> Cut:
-    """The parts of a substructure that have these DOF; see `members` for `common`."""
+    """The cut of a substructure into parts with these DOF; see `members` for `common`."""
     member = np.stack([np.isin(np.arange(whole.size), own) for own in rows.values()], axis=1)
     common = common or [sp.csr_array(whole.M.shape)] * len(rows)
     shares = [divided(sp.csr_array(B), common, member) for B in (whole.M, whole.D, whole.K)]
@@ -285,7 +288,7 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
     names, count = list(rows), whole.size
     member = np.stack([np.isin(np.arange(count), own) for own in rows.values()], axis=1)
     cut_sets, joints = _meetings(names, member)
-    owner = {}  # the part that has each port: the first that has all of its DOF
+    owner = {}  # the part of each port: the first part with all of its DOF
     for key, w in whole.ports.items():
         under = member[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]
         if not under.all(axis=0).any():
@@ -317,27 +320,27 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
 
 
 def _meetings(names: Sequence[str], member: Array) -> tuple[dict[str, Array], tuple[Rigid, ...]]:
-    """The DOF that the same parts share, as 'p1+p2', and a joint for each such group of parts."""
+    """The DOF that each group of parts shares, as sets such as 'p1+p2', and a joint for each group."""
     shared = np.flatnonzero(member.sum(axis=1) > 1)
     groups, number = np.unique(member[shared], axis=0, return_inverse=True)
     sets, joints = {}, []
-    for at in range(len(groups) - 1, -1, -1):  # from the first part's on
+    for at in range(len(groups) - 1, -1, -1):  # in this order, groups with the first part come first
         meeting = [names[k] for k in np.flatnonzero(groups[at])]
         key = "+".join(meeting)
         sets[key] = shared[number.ravel() == at]
-        joints.append(Rigid(*((name, key) for name in meeting), tol=np.inf, name=key))  # all list them in one order
+        joints.append(Rigid(*((name, key) for name in meeting), tol=np.inf, name=key))  # all parts list the DOF in equal order
     return sets, tuple(joints)
 
 
 def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masses: Any = 1.0,
               springs: Any = 1.0) -> tuple[dict[str, Substructure], list[Rigid], str]:
-    """The chain of `chain` in pieces of about the same length, joined at masses of which either side has half.
+    """The chain of `chain` in pieces of about equal length. The mass at a joint is divided equally between both pieces.
 
     Returns
     -------
     parts, joints, port
-        'p1', 'p2', ... from the wall on, the joints for `couple`, and the belt's port in the system, 'p1.belt'. Only the part
-        under the belt has a port.
+        The parts 'p1', 'p2', ... counted from the wall, the joints for `couple`, and the belt's port in the system, such as
+        'p1.belt'. Only the part under the belt has a port.
     """
     whole = chain(n, belt, damping, masses=masses, springs=springs, interface=())
     ends = np.linspace(0, n - 1, whole_number("pieces", pieces, 2, n - 1) + 1).astype(int)
@@ -347,22 +350,22 @@ def cut_chain(n: int, pieces: int, belt: int = 1, damping: float = 0.1, *, masse
 
 
 def members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Array, list[Matrix]]:
-    """Which parts each node of a graph belongs to, bool (n, p), so that each edge lies within a part.
+    """The parts that each node of a graph belongs to, bool (n, p), so that each edge lies within a part.
 
-    Of two neighbours in different parts the one in the part of the lower number is a node at a cut, unless it lies under a port
-    and the other does not. Nodes at a cut belong to every part with an inner node beside them. What is left are elements all of
-    whose nodes are at a cut; each goes to one part.
+    Of two neighbours in different parts, the node in the part with the lower number becomes a node at a cut, unless it lies under
+    a port and the other does not. A node at a cut belongs to every part with an inner node beside it. Elements with all their
+    nodes at a cut remain; each goes to one part.
 
     Returns
     -------
     member : ndarray of bool, shape (n, p)
     common : list of sparse, shape (n, n)
-        For each part, how many inner nodes and such elements two nodes at a cut have in common.
+        For each part, the number of its inner nodes and such elements that two nodes at a cut have in common.
     """
     edges, rank = sp.coo_array(graph), owner + count * ported
     shared = np.zeros(len(owner), dtype=bool)
     shared[edges.row[(owner[edges.row] != owner[edges.col]) & (rank[edges.row] < rank[edges.col])]] = True
-    beside = sp.csr_array(graph.multiply(shared[:, None]))  # the rows of nodes at a cut
+    beside = sp.csr_array(graph.multiply(shared[:, None]))  # only the rows of nodes at a cut
     between = sp.csr_array(beside.multiply(shared[None, :]))
     common = []
     for part in range(count):
@@ -381,7 +384,7 @@ def members(graph: Matrix, owner: Array, ported: Array, count: int) -> tuple[Arr
 
 
 def _elements(between: Matrix, common: Matrix, owner: Array) -> Iterator[tuple[int, Array]]:
-    """Sets of nodes at a cut that are neighbours of each other, with their part; together all pairs that `common` leaves out."""
+    """Yields sets of nodes at a cut that are all neighbours, with their part; the sets cover all pairs missing in `common`."""
     def near(node: int) -> set[int]:
         return set(between.indices[between.indptr[node]:between.indptr[node + 1]].tolist())
 
@@ -406,9 +409,9 @@ def _elements(between: Matrix, common: Matrix, owner: Array) -> Iterator[tuple[i
 def divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
     """B (n, n) as a sum of matrices of the parts, each in the part's own rows.
 
-    An entry between two DOF at a cut goes to the parts that have both, by what both have in `common` there. The diagonal entry
-    goes to them as the sum of the absolute values beside it. So a diagonally dominant B has diagonally dominant parts. Where B
-    is not dominant, the values are taken relative to sqrt(b_ii b_jj), and balanced.
+    An entry between two DOF at a cut is divided between the parts with both DOF, in proportion to `common`. A diagonal entry is
+    divided in proportion to the sums of absolute values in the parts' rows. So a diagonally dominant B has diagonally dominant
+    parts. In rows that are not dominant, the values are taken relative to sqrt(b_ii b_jj), and balanced.
     """
     shared = member.sum(axis=1) > 1
     inner = (member & ~shared[:, None]).astype(float)
@@ -416,8 +419,8 @@ def divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
     at_cut = shared[edges.row] & shared[edges.col]
     rest = sp.csr_array((edges.data[~at_cut], (edges.row[~at_cut], edges.col[~at_cut])), shape=B.shape)
     row, column, values = edges.row[at_cut], edges.col[at_cut], edges.data[at_cut]
-    share = np.zeros((len(row), len(common)))  # of each entry
-    if len(row):  # else SciPy has no array
+    share = np.zeros((len(row), len(common)))  # each part's share of each entry
+    if len(row):  # SciPy returns no array for empty indices
         share = np.stack([one[row, column] for one in common], axis=1)
     share = np.where(share.any(axis=1, keepdims=True), share, member[row] & member[column])
     share /= share.sum(axis=1, keepdims=True)
@@ -445,10 +448,10 @@ def divided(B: Matrix, common: Sequence[Matrix], member: Array) -> list[Matrix]:
 
 
 def _balanced(rest: Matrix, inner: Array, row: Array, column: Array, each: Array, steps: int = 100) -> Array:
-    """Shares of the diagonal entries of a matrix with diagonal 1, (n, p), so that b_ij² ≤ b_ii b_jj in each part, if it can be.
+    """The parts' shares of the diagonal entries of a matrix with diagonal 1, (n, p): b_ij² ≤ b_ii b_jj in each part, if possible.
 
-    The matrix is `rest`, and in each part the entries `each` (k, p) at (row, column). The shares are balanced in so many `steps`
-    at most: of random matrices that can be balanced 99 % need fewer than ten. The excess may rise on the way.
+    The matrix consists of `rest` and, in each part, of the entries `each` (k, p) at (row, column). Balancing takes at most
+    `steps` steps: 99 % of the random matrices that can be balanced need fewer than ten. The excess may rise between steps.
     """
     found = abs(rest) @ inner
     np.add.at(found, row, np.abs(each))

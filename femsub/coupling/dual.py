@@ -16,14 +16,14 @@ from femsub.checks import EPS, Array, Matrix, MissedModesError
 if TYPE_CHECKING:
     from femsub.model import Substructure
 
-FORCE = "interface force"  # the kind of a coordinate that is the force on an interface DOF, one for each
-SOFT = 1e4 * DEPENDENT  # relative residual flexibility above which no combination of joint forces is near to being stiff
-SHIFT = EPS**0.25  # the shift, relative to a typical ω²: of a rigid motion's θ = 1/shift solves lose a quarter of the digits
+FORCE = "interface force"  # the kind of a coordinate that is the force on one interface DOF
+SOFT = 1e4 * DEPENDENT  # relative residual flexibility above which no combination of joint forces is nearly stiff
+SHIFT = EPS**0.25  # the shift, relative to a typical ω²: solves lose a quarter of the digits of a rigid motion's θ = 1/shift
 
 
 @dataclass(frozen=True, eq=False)
 class Multiplied:
-    """q = S x and λ = G x, and the equations A q = 0 that λ belongs to, all of them independent."""
+    """q = S x and λ = G x, with the independent equations A q = 0 of the multipliers λ."""
 
     S: Matrix
     G: Matrix
@@ -33,25 +33,26 @@ class Multiplied:
 
     @property
     def multipliers(self) -> int:
-        """How many of the coordinates x are multipliers: the others have empty columns in G."""
+        """The number of coordinates x that are multipliers: the other coordinates have empty columns in G."""
         return len(np.unique(sp.csr_array(self.G).indices))
 
     def through(self, T: Matrix, unit: Array) -> Multiplied:
-        """In new coordinates, x = T z. What cancels in S T is 0: a trace of elastic motion would stiffen a rigid one."""
+        """The same in new coordinates z, x = T z. Rounding in S T is set to 0: it would add elastic motion to rigid motion."""
         S = sp.csr_array(product(self.S, T))
         S = sp.csr_array(S.multiply(abs(S) > ROUNDING * product(abs(self.S), abs(sp.csr_array(T)))))
         return Multiplied(S, sp.csr_array(product(self.G, T)), self.A, unit, self.owner)
 
     def work(self) -> Matrix:
-        """GᵀAS + (GᵀAS)ᵀ, what the multipliers add to the stiffness, sparse, shape (n, n)."""
+        """GᵀAS + (GᵀAS)ᵀ, the terms of the multipliers in the stiffness, sparse, shape (n, n)."""
         half = sp.csr_array(product(self.G.T, product(self.A, self.S)))
         return half + half.T
 
 
 def interface_forces(part: Substructure) -> Matrix:
-    """A (n, n_b), sparse: how forces at the interface act on the coordinates g of a part that is reduced by such forces; else 0.
+    """A (n, n_b), sparse: the coordinates g of a part reduced by interface forces, from these forces; 0 for other parts.
 
-    A force without a coordinate of its own acts on those that it depends on, K_gg⁻¹ times the motion of its DOF by them.
+    A force without a coordinate of its own acts on the coordinates g that it depends on: K_gg⁻¹ times the displacement of its DOF
+    by them.
     """
     force = np.flatnonzero(np.array(getattr(part, "kinds", ())) == FORCE)
     n_b = len(part.interface_numbers)
@@ -66,24 +67,24 @@ def interface_forces(part: Substructure) -> Matrix:
 
 def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, compliance: Array, K: Matrix,
                refuse: Callable[[Array, int, int], None]) -> Multiplied:
-    """x = (y, λ): the coordinates that the other joints leave, but without forces that λ gives, and the multipliers.
+    """x = (y, λ): the multipliers λ, and the coordinates y that the other joints leave, without forces that λ determines.
 
     A part reduced by interface forces g moves by u_b = Φ_b η + G g with the residual flexibility G, and g = -Cᵀλ. If two joined
-    parts have almost no residual flexibility (all modes kept), λ would have neither mass nor stiffness. Then the joint is made
-    exact by elimination. Forces on an open interface are kept if they have flexibility.
+    parts have almost no residual flexibility (all modes kept), λ would have neither mass nor stiffness. Then elimination makes
+    the joint exact. Forces on an open interface are kept if they have flexibility.
 
     Parameters
     ----------
     equations : Equations
         A q = 0 of the joints with multipliers.
     L : sparse, shape (N, n)
-        What the other joints leave; it does not touch the coordinates g.
+        The motions that the other joints allow; these joints do not act on the coordinates g.
     forces : sparse, shape (N, m)
-        -Cᵀ in the rows of the coordinates g, without entries where no part has such.
+        -Cᵀ in the rows of the coordinates g; empty columns if no part of the joint has such coordinates.
     own : sparse, shape (N, k)
-        What forces do in these rows that stay beside those of the joints.
+        The columns of interface forces that stay coordinates, beside the joints' forces.
     compliance : ndarray, shape (k,)
-        The flexibility of their DOF by all coordinates of the part.
+        The flexibility of the DOF of these forces, by all coordinates of their part.
     K : sparse, shape (N, N)
         The parts' stiffness.
 
@@ -96,7 +97,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
     rows = independent(Equations(sp.csr_array(equations.A @ L), unit, unit > 0, equations.owner), np.where(size > 0, size, 1.0))
     A, F, owner = equations.A[rows], sp.csr_array(forces[:, rows]), equations.owner[rows]
     stay = np.flatnonzero((np.diff(forces.indptr) + np.diff(own.indptr) > 0).astype(float) @ abs(L) == 0)
-    # L beside combinations of the forces `own` that have residual flexibility
+    # the columns of L, and the combinations of the forces `own` with residual flexibility
     scale, alone = compliance ** -0.5, congruent(K, own)
     values, turn = np.linalg.eigh(alone.toarray() * np.outer(scale, scale))
     turn = scale[:, None] * turn[:, values > DEPENDENT]
@@ -105,9 +106,9 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
     unit = np.append(unit[stay], np.einsum("ij,ij->j", turn, alone @ turn) ** -0.5)
     if not F.nnz:
         return _beside(L, F, sp.eye_array(len(rows), format="csr"), A, unit, owner)
-    # F without what these do, FᵀK own = 0: they take their share of λ, and in their place stands their sum with it. Else a λ
-    # whose whole response they can give as well would have no flexibility and no mass, up to rounding, whose sign decides about
-    # a mode. It is a stiff one instead
+    # Make F K-orthogonal to the forces `own`, FᵀK own = 0, whose coordinates then include their share of λ. Without this, a λ
+    # whose response the forces `own` can represent would have no flexibility and no mass but rounding, and the sign of the
+    # rounding would decide about a mode. With it, such a λ is stiff, and its joint is eliminated.
     bent = product(K, yielding)
     share = np.linalg.solve(product(yielding.T, bent).toarray(), product(bent.T, F).toarray())
     F = sp.csr_array(F - product(yielding, sp.csr_array(share)))
@@ -117,7 +118,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
     flexibility = product(F.T, product(K, F)).toarray() * np.outer(size, size)
     flexibility = (flexibility + flexibility.T) / 2
     with suppress(np.linalg.LinAlgError):
-        # every combination of joint forces has clearly more than no flexibility: λ stay, each moves the parts of its joint alone
+        # If every combination of joint forces has clear flexibility, all λ stay, and each moves only the parts of its joint.
         np.linalg.cholesky(flexibility - SOFT * np.eye(len(flexibility)))
         return _beside(L, F, sp.csr_array(sp.diags_array(size)), A, unit, owner)
     values, turn = np.linalg.eigh(flexibility)
@@ -129,7 +130,7 @@ def multiplied(equations: Equations, L: Matrix, forces: Matrix, own: Matrix, com
 
 
 def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: Array) -> Multiplied:
-    """x = (y, μ), λ = turn μ: the multipliers beside the coordinates; a force has the unit of one over a motion."""
+    """x = (y, μ), λ = turn μ: coordinates y and multipliers μ. The unit of a force is 1 over the unit of its motion."""
     S = sp.csr_array(sp.hstack([L, product(F, turn)]))
     G = sp.csr_array(sp.hstack([sp.csr_array((A.shape[0], L.shape[1])), turn]))
     return Multiplied(S, G, A, np.append(unit, np.ones(turn.shape[1])), owner)
@@ -137,32 +138,34 @@ def _beside(L: Matrix, F: Matrix, turn: Matrix, A: Matrix, unit: Array, owner: A
 
 def finite_span(M: Array, D: Array, K: Array, multipliers: int,
                 B: Matrix) -> tuple[Matrix, Array, tuple[Array, Array, Array], int]:
-    """X = [X₁ X₀] (n, k): the eigenvectors X₁ with finite ω² ≥ 0 of K x = ω² M x, X₁ᵀMX₁ = I, and how many others there are.
+    """X = [X₁ X₀] (n, k): the eigenvectors X₁ with finite ω² ≥ 0 of K x = ω² M x, X₁ᵀMX₁ = I, and static responses X₀.
 
-    X₀ are static responses without mass to forces at the open interface B x, X₀ᵀKX₀ = I: the flexibility of DOF without mass.
+    X₀ are massless static responses to forces at the open interface B x, X₀ᵀKX₀ = I: the flexibility of DOF without mass.
 
-    K is indefinite: the weak joints of dual Craig-Bampton parts give as many negative or infinite ω² as multipliers. M is
+    K is indefinite: the weak joints of dual Craig-Bampton parts cause as many negative or infinite ω² as multipliers. M is
     positive semidefinite, M = FFᵀ. With s > 0 the eigenvalues θ of Fᵀ(K + sM)⁻¹F are 1/(ω² + s), and x = (K + sM)⁻¹F v/θ.
 
-    How many columns X₁ must have is counted beside. K has one negative eigenvalue for each multiplier, since without these the
-    parts and springs are stable. N spans the null space of M; those of NᵀKN that are negative give an infinite ω², the others
-    a finite one below 0. So X₁ has rank M - multipliers + (negative eigenvalues of NᵀKN) columns. X₀ = N (NᵀKN)⁻¹NᵀBᵀ, turned.
+    The number of columns of X₁ is known from an independent count. K has one negative eigenvalue for each multiplier, since the
+    parts and springs alone are stable. N spans the null space of M. Each negative eigenvalue of NᵀKN causes an infinite ω²; each
+    of the other negative eigenvalues of K causes a finite ω² < 0. So X₁ has rank M - multipliers + (negative eigenvalues of
+    NᵀKN) columns. X₀ is N (NᵀKN)⁻¹NᵀBᵀ, orthonormalised.
 
     Returns
     -------
     X : sparse, shape (n, k)
     unit : ndarray, shape (k,)
-        How far each coordinate moves at unit energy.
+        The displacement of each coordinate at unit energy.
     matrices : (M, D, K)
-        XᵀMX, XᵀDX, XᵀKX, where rigid motion costs exactly nothing.
+        XᵀMX, XᵀDX, XᵀKX, in which the stiffness of rigid motion is exactly 0.
     spurious : int
+        The number of eigenvectors that X leaves out, n - k.
 
     Raises
     ------
     MissedModesError
-        Another number was found, or NᵀKN is singular within rounding, so that the number is not known.
+        Another number of modes was found, or NᵀKN is singular within rounding, so that the number is not known.
     """
-    unit, typical = units(M.diagonal(), K.diagonal())  # free coordinates have no stiffness but rounding
+    unit, typical = units(M.diagonal(), K.diagonal())  # also usable for free coordinates, whose stiffness is only rounding
     stiffness, inertia = unit[:, None] * K * unit, unit[:, None] * M * unit
     mass, turn = np.linalg.eigh(inertia)
     kept = mass > SINGULAR * mass[-1]
@@ -171,19 +174,19 @@ def finite_span(M: Array, D: Array, K: Array, multipliers: int,
     back = np.linalg.solve(stiffness + shift * inertia, F)
     small = F.T @ back
     theta, V = np.linalg.eigh((small + small.T) / 2)
-    finite = np.abs(theta) > SINGULAR * np.abs(theta).max()  # of the others ω² is infinite
+    finite = np.abs(theta) > SINGULAR * np.abs(theta).max()  # the others have an infinite ω²
     omega2 = np.full(len(theta), -np.inf)
     omega2[finite] = 1 / theta[finite] - shift
     good = np.flatnonzero(omega2 > -EPS**0.5 * shift)  # half of the digits of a rigid motion's θ = 1/shift are kept
     good = good[np.argsort(omega2[good], kind="stable")]
     bare, null = np.linalg.eigh(turn[:, ~kept].T @ stiffness @ turn[:, ~kept])
     expected = int(kept.sum()) - multipliers + int(np.count_nonzero(bare < -ROUNDING))
-    # those that are too high for their sign to be known count as infinite
+    # ω² so large that its sign is not known counts as infinite
     if not len(good) <= expected <= len(good) + int(np.count_nonzero(~finite)):
         raise MissedModesError(f"{len(good)} finite modes were found in a system of Dual Craig-Bampton parts, but by the rank of "
                                f"M it has {expected}. Its joints are too stiff, or its parts too unlike, for weak joints: reduce "
                                "the parts by CraigChang, which spans the same space")
-    # N diag(k)⁻¹NᵀBᵀ with NᵀKN = diag(k). Of a k within rounding the sign is not known, and with it the number of finite modes
+    # N diag(k)⁻¹NᵀBᵀ with NᵀKN = diag(k). If a k is within rounding, its sign and the number of finite modes are not known.
     known = np.abs(bare) > ROUNDING
     scaled = B @ sp.diags_array(unit)
     at = (scaled @ turn[:, ~kept] @ null[:, known]).T

@@ -1,4 +1,4 @@
-"""Joints: which motions of which parts are equal, and which springs act between them. A joint of your own is one class."""
+"""Joints: equations between the motions of parts, and springs between parts. A joint of your own is one class."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ End: TypeAlias = Any  # ("disc", "left"), ("disc", [0, 1, 2]), or "ground"
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """What a joint says of the parts it joins.
+    """The equations, springs and dampers of a joint between parts.
 
     Attributes
     ----------
     equations : mapping of str to matrix, shape (m, n_b)
         C_p per part, with Σ_p C_p u_b,p = 0 for the motions u_b,p of the parts' interfaces.
     motions : mapping of str to matrix, shape (s, n_p)
-        R_p per part: the motion Σ_p R_p q_p is what springs and dampers act on, in the parts' own coordinates.
+        R_p per part: springs and dampers act on the motion Σ_p R_p q_p, with the parts' coordinates q_p.
     stiffness, damping : ndarray, shape (s, s)
-        Of these springs and dampers.
+        The matrices of these springs and dampers.
     grounded : bool
-        Whether the joint leads to the ground, so that a part it alone joins hangs on something.
+        Whether the joint leads to the ground. A part needs no other joint then.
     """
 
     equations: Mapping[str, Matrix] = field(default_factory=dict)
@@ -58,27 +58,27 @@ class Link:
 
 
 class Joint(ABC):
-    """A joint of your own is a subclass with `link`; it may do with the parts whatever can be said as a `Link`."""
+    """Base class of joints. A joint of your own is a subclass with `link`, which returns equations and springs as a `Link`."""
 
     @abstractmethod
     def link(self, parts: Mapping[str, Substructure]) -> Link:
-        """What the joint says of these parts; an InputError names the joint and the part."""
+        """The joint's equations, springs and dampers for these parts; an InputError should name the part."""
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """An end that was found: so many DOF of a part's interface, and where they are.
+    """The DOF of an end of a joint, in a part's interface.
 
     Attributes
     ----------
     part, title : str
-        The part's name, and that of the end in messages: 'disc.left'.
+        The part's name, and the name of the end in messages, as 'disc.left'.
     places : ndarray, shape (k,)
-        In the part's interface.
+        The places of the DOF in the part's interface.
     dofs : DofMap or None
-        Their map, where the part has one.
+        The DOF map of the end, if the part has one.
     named : bool
-        Whether the end is a named set, whose order says nothing.
+        Whether the end is a named set, whose order has no meaning.
     """
 
     part: str
@@ -98,17 +98,17 @@ class Site:
 
     @property
     def physical(self) -> bool:
-        """Whether its motions are coordinates of the part, and no sums of many."""
+        """Whether the interface displacements are coordinates of the part, not sums of several coordinates."""
         return len(self.sub.interface) == len(self.sub.interface_numbers)
 
     def name(self, at: int) -> str:
-        """'uz at node 12 of disc', one of its DOF."""
+        """The name of the DOF number `at`, as "uz at node 12 of 'disc'"."""
         where = f"DOF {self.sub.interface_numbers[self.places[at]]}" if self.dofs is None else self.dofs.name(at)
         return f"{where} of {self.part!r}"
 
 
 def site(parts: Mapping[str, Substructure], end: End) -> Site:
-    """The DOF of an end: a named set of a part's interface, or a list of its DOF, which must be interface."""
+    """The DOF of an end: a named interface set of a part, or a list of DOF, which must be interface DOF."""
     part, what = _split(parts, end)
     sub = parts[part]
     numbers, known = sub.interface_numbers, sub.interface_dofs
@@ -142,20 +142,20 @@ def _split(parts: Mapping[str, Substructure], end: End) -> tuple[str, Any]:
 
 
 def title(end: End) -> str:
-    """'disc.left' of an end, for messages."""
+    """The name of an end in messages, as 'disc.left'."""
     if isinstance(end, Sequence) and not isinstance(end, str) and len(end) == 2:
         return f"{end[0]}.{end[1]}" if isinstance(end[1], str) else f"{end[0]}{shown(end[1])}"
     return str(end)
 
 
 def matched(one: Site, other: Site, tol: float | None) -> Site:
-    """The DOF of `other` in the order of `one`: by motion and place where both are known, else as they are listed.
+    """The DOF of `other` in the order of `one`: by motion and place if both are known, otherwise in the order listed.
 
     Raises
     ------
     InputError
-        Another number of DOF, or one that has no counterpart within the tolerance: how far, and which. In the order listed, DOF
-        of different directions.
+        Different numbers of DOF; a DOF without a counterpart within the tolerance, with the distance of the nearest one. In the
+        order listed: DOF of different directions.
     """
     if len(one) != len(other):
         raise InputError(f"{one.title} has {len(one)} DOF, but {other.title} {len(other)}: name sets of the same DOF, or join "
@@ -184,7 +184,7 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
 
 
 def refuse_other_ways(one: Site, other: Site) -> None:
-    """Refuses two ends whose DOF, in their order, move along or about different axes, or about one in the opposite sense."""
+    """Raises an error if DOF of two ends, in their order, have different axes, or opposite senses of rotation about one axis."""
     assert one.dofs is not None and other.dofs is not None
     if (found := one.dofs.apart_from(other.dofs)) is not None:
         at, how = found
@@ -194,7 +194,7 @@ def refuse_other_ways(one: Site, other: Site) -> None:
 
 
 def _otherwise(one: Site, other: Site, at: int) -> str:
-    """Which motion of the other end is the same, or the same with the other sign, under another name."""
+    """The end of a message: the name that the other end has for the same motion, or for its negative, and the remedy."""
     assert one.dofs is not None and other.dofs is not None
     label = one.dofs.labels[one.dofs.components[at]]
     if name := other.dofs.also_called(label):
@@ -208,7 +208,7 @@ def spatial(points: Array) -> Array:
 
 
 def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence[str]) -> tuple[Array, Array]:
-    """For each point the nearest of the others with the same label, and how far it is (inf: there is none)."""
+    """For each point, the nearest of the other points with the same label, and its distance (inf if there is none)."""
     from scipy.spatial import cKDTree
 
     order, apart = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
@@ -222,7 +222,7 @@ def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence
 
 
 def allowed(tol: Any) -> float | None:
-    """A distance above 0, inf (places do not count), or None (a default)."""
+    """A checked tolerance: a distance above 0, inf (places are ignored), or None (the default)."""
     return tol if tol is None or (isinstance(tol, float) and tol == np.inf) else \
         positive_number("tol", tol)
 
@@ -238,15 +238,15 @@ class Rigid(Joint):
     *ends : (part, set), (part, list of DOF) or 'ground'
         Two or more.
     tol : float, optional
-        The largest distance of DOF that meet, in units of length; by default 1e-6 of the largest coordinate. With inf, DOF are
-        matched in their order, wherever they are. Directions with known names must agree in that order.
+        The largest distance between matched DOF, in units of length; by default 1e-6 of the largest coordinate. With inf, DOF
+        are matched in their order, wherever they are. Directions with known names must then agree.
     name : str
-        For messages and multipliers.
+        Used in messages and for multipliers.
 
     Raises
     ------
     InputError, InputTypeError
-        Fewer than two ends; by `couple`: ends that do not meet or have different numbers of DOF, or DOF of different directions.
+        Fewer than two ends. In `couple`: ends that do not meet or have different numbers of DOF, or DOF of different directions.
 
     Examples
     --------
@@ -274,7 +274,7 @@ class Rigid(Joint):
         """One equation per DOF and end beyond the first."""
         grounded = any(_is_ground(end) for end in self.ends)
         sites = [site(parts, end) for end in self.ends if not _is_ground(end)]
-        # a full part's DOF then stands in one equation, which gives it by the coordinates of the one that has none
+        # each DOF of a full part is then in one equation, by which the coordinates of the first end determine it
         sites.sort(key=lambda one: one.physical)
         centre, others = sites[0], sites[1:]
         ends = [(one.part, *one.places.tolist()) for one in sites]
@@ -290,7 +290,7 @@ def _is_ground(end: End) -> bool:
 
 
 def stacked(*blocks: Sequence[tuple[str, Matrix]]) -> dict[str, Matrix]:
-    """One matrix per part, (m, n_b), of blocks of equations below each other, each a list of (part, C); a part may come twice."""
+    """One matrix per part, (m, n_b), of stacked blocks of equations. A block is a list of (part, C); a part may occur twice."""
     widths = {part: C.shape[1] for block in blocks for part, C in block}
     rows: dict[str, list[Matrix]] = {part: [] for part in widths}
     for block in blocks:
@@ -309,17 +309,17 @@ class Spring(Joint):
     first, second : (part, port), (part, set), (part, list of DOF); the second also 'ground'
         For ports d = w_aᵀu_a - w_bᵀu_b. Sets are matched as in `Rigid`.
     stiffness, damping : float or array_like, shape (p, p)
-        A number for each of the p motions, or a matrix. The stiffness is symmetric and not negative; the damping is any real
-        matrix.
+        One number for each of the p motions, or a matrix. The stiffness must be symmetric and not negative; the damping may be
+        any real matrix.
     tol : float, optional
         As in `Rigid`.
     name : str
-        For messages.
+        Used in messages.
 
     Raises
     ------
     InputError, InputTypeError
-        No stiffness and no damping, a negative or unsymmetric stiffness; by `couple`: ends of different numbers of motions, or
+        No stiffness and no damping, a negative or unsymmetric stiffness. In `couple`: ends with different numbers of motions, or
         DOF of different directions.
 
     Examples
@@ -388,7 +388,7 @@ class Spring(Joint):
 
 
 def _motion(parts: Mapping[str, Substructure], end: End) -> tuple[str, Matrix, Site | None]:
-    """R (p, n) of an end, a port or a set of interface DOF, in the part's coordinates."""
+    """The part, R (p, n) of the end's motions in the part's coordinates, and the `Site`, which is None for a port."""
     part, what = _split(parts, end)
     sub = parts[part]
     if isinstance(what, str) and what in sub.ports:

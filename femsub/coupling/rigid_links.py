@@ -1,4 +1,4 @@
-"""Joints of a surface with one node: rigid (RBE2, kinematic coupling) and by the mean motion (RBE3, distributing coupling)."""
+"""Joints of a surface with one node: rigid (RBE2, kinematic coupling), or by its mean motion (RBE3, distributing coupling)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _OneNode(Joint):
-    """A joint of a reference node and a surface, of which one follows the other: u_f = R_f g, where g is the leader's motion."""
+    """A joint of a reference node and a surface: one of them follows the rigid motion g of the other, u_f = R_f g."""
 
     reference: End
     surface: End
@@ -31,7 +31,7 @@ class _OneNode(Joint):
         return self.name or f"{type(self).__name__}({title(self.reference)}, {title(self.surface)})"  # type: ignore[attr-defined]
 
     def _sites(self, parts: Mapping[str, Substructure]) -> tuple[tuple[Site, Array], tuple[Site, Array]]:
-        """The node and the surface, each with R (k, 6), in units in which rotations are comparable with displacements."""
+        """The node and the surface, each with R (k, 6). Its units make rotations comparable with displacements."""
         with naming("reference"):
             node = site(parts, self.reference)
         with naming("surface"):
@@ -49,7 +49,7 @@ class _OneNode(Joint):
 
 
 def _following(follower: tuple[Site, Array], leader: tuple[Site, Array], weight: Array, lost: Callable[[str], str]) -> Link:
-    """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight); `lost` names a DOF of the follower that the leader does not determine."""
+    """u_f = R_f (W R_l)⁺ W u_l, W = diag(weight). `lost` returns the message for a DOF of u_f that u_l does not determine."""
     (first, rows), (second, known) = follower, leader
     _, values, V = np.linalg.svd(weight[:, None] * known, full_matrices=False)
     basis = V[:int(np.count_nonzero(values > EQUAL * values.max(initial=0.0)))]
@@ -69,14 +69,14 @@ class Kinematic(_OneNode):
     reference : (part, set) or (part, list of DOF)
         DOF of one node: 'ux', 'uy', 'uz' and the rotations 'rx', 'ry', 'rz', or 'w' with its slopes.
     surface : (part, set) or (part, list of DOF)
-        The DOF that follow it.
+        The DOF that follow the node.
     name : str
-        For messages and multipliers.
+        Used in messages and for multipliers.
 
     Raises
     ------
     InputError
-        By `couple`: DOF without coordinates; a reference node without a rotation that the surface needs.
+        In `couple`: DOF without coordinates; a reference node without a rotation that the surface needs.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class Kinematic(_OneNode):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Averaged(_OneNode):
-    """A node that moves as a surface does on average (RBE3, distributing coupling).
+    """A node that follows the mean motion of a surface (RBE3, distributing coupling).
 
     u_r = R_r g with the rigid motion g that minimises Σ w_i |u_i - R_i g|² over the surface. The joint does not stiffen the
     surface. A force on the node acts on the surface with the same resultant and moment.
@@ -104,19 +104,19 @@ class Averaged(_OneNode):
     Parameters
     ----------
     reference : (part, set) or (part, list of DOF)
-        DOF of one node, as for `Kinematic`; it may have fewer.
+        DOF of one node, as for `Kinematic`, or some of them.
     surface : (part, set) or (part, list of DOF)
-        Its displacements count, its rotations do not.
+        The DOF of the surface. Only displacements count, not rotations.
     weights : sequence of float, optional
-        One per DOF of the surface, in its order; by default all the same.
+        The weight w_i of each DOF of the surface, in its order; by default equal weights.
     name : str
-        For messages and multipliers.
+        Used in messages and for multipliers.
 
     Raises
     ------
     InputError
-        By `couple`: DOF without coordinates; a surface that does not determine a motion of the node, such as the rotation about
-        the line on which all its nodes lie.
+        In `couple`: DOF without coordinates; a surface that does not determine a motion of the node, such as the rotation about
+        the line on which all nodes of the surface lie.
 
     Examples
     --------

@@ -22,26 +22,26 @@ class Tied(Joint):
     """Two surfaces of solids whose meshes do not match, glued (mortar method).
 
     ∫ ψ_i (u_a - u_b) dA = 0 for every node i of the first surface. The integrals are taken over the common parts of the faces
-    of both. A state of constant stress is represented exactly, and the error falls with the order of the elements. For linear
-    elements ψ are dual functions, which keep the equations sparse; for quadratic elements they are the shape functions.
+    of both surfaces. A state of constant stress is represented exactly, and the error falls with the order of the elements. For
+    linear elements ψ are dual functions, which keep the equations sparse; for quadratic elements they are the shape functions.
 
     Parameters
     ----------
     first, second : (part, set)
-        Interface sets of two solids. The nodes of the first follow the second. Give the finer surface first, or the one that
-        lies within the other: all its faces must lie on the second surface.
+        Interface sets of two solids. The nodes of the first surface follow the second. Give the finer surface first, or the
+        surface that lies within the other: all its faces must lie on the second surface.
     meshes : mapping of str to Mesh
-        The meshes of both parts, by the names of the parts. They have sets of nodes of the same names. A `Facing` in place of
-        the first stands for both surfaces, meshes and tol.
+        The meshes of both parts, by the names of the parts, with node sets of the same names. A `Facing` as `first` replaces
+        both surfaces, meshes and tol.
     tol : float, optional
-        The largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
+        The largest distance between the surfaces, in units of length; by default 0.05 of the size of a face.
     name : str
-        For messages and multipliers.
+        Used in messages and for multipliers.
 
     Raises
     ------
     InputError
-        By `couple`: surfaces that lie apart, or a first one that reaches beyond the second; nodes that are not interface.
+        In `couple`: surfaces that lie apart; a first surface that reaches beyond the second; nodes that are not in the interface.
 
     References
     ----------
@@ -77,7 +77,7 @@ class Tied(Joint):
         return self.name or f"Tied({title(self.first)}, {title(self.second)})"
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
-        """For each DOF of the first surface one equation."""
+        """One equation for each DOF of the first surface."""
         both = []
         for name, end in (("first", self.first), ("second", self.second)):
             with naming(name):
@@ -102,7 +102,7 @@ class Tied(Joint):
 
 
 def unpacked(joint: Any, found: Facing, first: Any, second: Any) -> None:
-    """Puts the surfaces, meshes and tolerance of a `Facing` into the fields of a joint that has it as its first surface."""
+    """Copies the surfaces, meshes and tolerance of a `Facing`, given as first surface, into the fields of a joint."""
     if joint.second is not None or joint.meshes:
         raise InputTypeError("what fs.facing found stands for both surfaces and their meshes: give no second and no meshes")
     for key, value in (("first", first), ("second", second), ("meshes", found.meshes),
@@ -111,10 +111,10 @@ def unpacked(joint: Any, found: Facing, first: Any, second: Any) -> None:
 
 
 def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str, *, missing: float = 1e-3) -> Matrix:
-    """T (n, m), sparse, with u = T v: the motion of our nodes that glues them to the others, D u = B v.
+    """T = D⁻¹B (n, m), sparse, with u = T v: the displacements u of our nodes glued to the other surface with displacements v.
 
-    D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs. A share `missing`
-    of each of our faces may lie beside theirs.
+    D_ij = ∫ ψ_i N_j dA and B_ik = ∫ ψ_i N'_k dA over the common parts of our faces and theirs. A share `missing` of the area of
+    each of our faces may lie beside the other surface.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def mortar(ours: Surface, theirs: Surface, tol: float | None, what: str, *, miss
 
 
 def motion_of_nodes(dofs: DofMap, surface: Surface, label: str) -> Matrix:
-    """One motion of the nodes of a surface, picked from DOF, sparse, shape (n, dofs); the row of a node that is held is empty."""
+    """The matrix (n, dofs), sparse, that selects one motion of a surface's nodes from DOF; rows of held nodes are empty."""
     assert dofs.points is not None
     labels = [dofs.labels[k] for k in dofs.components]
     place, apart = nearest(surface.points, dofs.points, [label] * len(surface.points), labels)

@@ -1,4 +1,4 @@
-"""What a component is: matrices, DOF, ports, the pencil λ²M + λD + K, and what a contact must be able to do.
+"""Models of components: matrices, DOF, ports, the pencil λ²M + λD + K, and the protocol of contacts.
 
 In: arrays and numbers. Out: checked, frozen objects.
 """

@@ -1,4 +1,4 @@
-"""`Affine`: a pencil whose matrices are sums Σ θ_i(p) A_i with named parameters p, for what a `Substructure` cannot hold."""
+"""`Affine`: a pencil whose matrices are sums Σ θ_i(p) A_i with named parameters p. All of them may be unsymmetric."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ class Affine(Frozen):
         Each matrix dense or sparse. θ is a number, the name of a parameter, or a function whose arguments are the names, as
         ``lambda speed: 1 / speed``. An argument with a default value is no parameter. A matrix alone has θ = 1. ``D=None`` means
         no damping. Use a function of a module instead of a lambda if the object is to be pickled, and NumPy's functions instead
-        of those of `math` if its range is to be proved (`factor_ranges`).
+        of `math` if its range is to be proved (`factor_ranges`).
 
     Attributes
     ----------
     parameters : tuple of str
-        The names, in the order in which they come.
+        The names, in the order in which they first appear in M, D and K.
     cutoff : float
-        Of matrices that were `reduced`: above it, modes are artefacts of the reduction. NaN where it is not known.
+        Of matrices that were `reduced`: modes above this frequency are artefacts of the reduction. NaN if it is not known.
 
     Raises
     ------
     InputError, InputTypeError
-        Matrices that are not square, not of one size, complex, or hold NaN; a θ of another kind.
+        Matrices that are not square, of different sizes, complex, or with NaN; a θ of another kind.
 
     Examples
     --------
@@ -121,7 +121,7 @@ class Affine(Frozen):
             if isinstance(theta, str):
                 found.append(Jet.of(own[theta], places[theta], count))
             elif callable(theta):
-                _fixed(theta, own)  # an error of the function has a name
+                _fixed(theta, own)  # an error of the function is reported with its name
                 found.append(jet_of(theta, own, places, count))
             else:
                 found.append(jet_of(lambda value=theta: value, {}, places, count))
@@ -140,7 +140,7 @@ class Affine(Frozen):
         return self.weighted(self.factors(**values))
 
     def weighted(self, factors: Array, by_slabs: bool = False) -> Pencil:
-        """The pencil with these θ (q,), in the order of `factors`; `by_slabs` takes little memory beside sparse matrices."""
+        """The pencil with these θ (q,), in the order of `factors`. `by_slabs` sums sparse matrices with little extra memory."""
         if by_slabs and all(sp.issparse(A) for terms in (self.M, self.D, self.K) for _, A in terms):
             sums = self.sums(factors, np.ones(self.M[0][1].shape[0]))
             return Pencil(*(one.formed() if one.terms else None for one in sums)).below(self.cutoff)
@@ -149,12 +149,12 @@ class Affine(Frozen):
                         for terms in (self.M, self.D, self.K))).below(self.cutoff)
 
     def sums(self, factors: Array, unit: Array) -> list[Sum]:
-        """diag(u) M diag(u), D and K with these θ, which are not formed."""
+        """diag(u) A diag(u) for A = M, D and K with these θ, as sums that are not formed."""
         factor = iter(factors)
         return [Sum([(next(factor), A) for _, A in terms], unit) for terms in (self.M, self.D, self.K)]
 
     def fixed(self, **values: float) -> Affine:
-        """The same with values given to some of the parameters, and the others left."""
+        """The `Affine` with values for some of the parameters: a function of the other parameters only."""
         self._check(values)
         return self._each(lambda theta, A: (_fixed(theta, values), A))
 
@@ -171,9 +171,9 @@ class Affine(Frozen):
     def factor_ranges(self, ranges: Mapping[str, tuple[float, float]]) -> tuple[Array, Array, Array]:
         """(lo, hi, proved): lo ≤ θ(p) ≤ hi for all p in a box of all parameters; shapes (q,), in the order M, D, K of `factors`.
 
-        Numbers and names have their own bounds. A function is evaluated with `Interval`, rounded outwards: that is proved. It is
-        infinite if there may be a pole in the box. A function that cannot take an `Interval`, such as a table, a branch or one of
-        `math`, is sampled: then `proved` is False.
+        Bounds of numbers and names are exact. A function is evaluated with `Interval`, rounded outwards: its bounds are proved,
+        and infinite if there may be a pole in the box. A function that cannot take an `Interval`, such as a table, a branch or a
+        function of `math`, is sampled: then `proved` is False.
 
         Raises
         ------
@@ -208,31 +208,31 @@ class Affine(Frozen):
     def deviation(self, ranges: Mapping[str, tuple[float, float]], centre: Mapping[str, float]) -> tuple[Array, Array]:
         """(bound, proved): |θ(p) - θ(p_c)| ≤ bound for all p in a box of all parameters; shapes (q,), see `factor_ranges`.
 
-        `centre` has the values p_c of all parameters.
+        `centre` contains the values p_c of all parameters.
         """
         (lo, hi, proved), at = self.factor_ranges(ranges), self.factors(**centre)
         most = np.maximum(hi - at, at - lo)
         return np.where(most > 0, np.nextafter(most, np.inf), 0.0), proved
 
     def below(self, cutoff: float) -> Affine:
-        """A copy whose modes count up to this cut-off."""
+        """A copy with this cut-off, above which modes are artefacts of a reduction."""
         return self._with(cutoff=float(cutoff))
 
     def reduced(self, basis: Any, cutoff: float | None = None) -> Affine:
-        """Each matrix projected once, VᵀA_iV (r, r), on the basis V (n, r) of a reduced model, whose cut-off is kept.
+        """The `Affine` with the matrices VᵀA_iV (r, r), on the basis V (n, r) of a reduced model, and with the model's cut-off.
 
         Parameters
         ----------
         basis : ReducedSubstructure, or array_like of shape (n, r)
-            `reduce` makes it of a `Substructure` with the symmetric part of K. Of V alone the cut-off is not known: then no band
-            is refused, and all analyses are 'not checked'.
+            `reduce` a `Substructure` with the symmetric part of K to get one. An array V has no known cut-off: then no band is
+            refused, and all analyses are 'not checked'.
         cutoff : float, optional
-            In place of that of the model: the lowest frequency of what V leaves out. inf where V leaves nothing out.
+            Replaces the cut-off of the model: the lowest frequency of the modes that V leaves out, inf if it leaves out none.
 
         Raises
         ------
         InputError
-            V has not n rows.
+            V does not have n rows.
 
         Examples
         --------
@@ -251,7 +251,7 @@ class Affine(Frozen):
 
 
 def _terms(name: str, value: Any) -> list[tuple[Theta, Any]]:
-    """Pairs (θ, matrix), of a matrix alone with θ = 1."""
+    """Pairs (θ, matrix); a matrix given alone has θ = 1."""
     if value is None:
         return []
     pairs = isinstance(value, (list, tuple)) and all(isinstance(pair, (list, tuple)) and len(pair) == 2 and _is_matrix(pair[1])
@@ -292,7 +292,7 @@ def _names(theta: Theta) -> list[str]:
 
 
 def _fixed(theta: Theta, values: Mapping[str, float]) -> Theta:
-    """A factor with some of its parameters given: a number once all are."""
+    """A factor with values for some of its parameters: a number once all have a value."""
     known = {name: float(values[name]) for name in _names(theta) if name in values}
     if not callable(theta):
         return known.get(theta, theta) if isinstance(theta, str) else theta

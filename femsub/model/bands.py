@@ -6,10 +6,10 @@ import numpy as np
 
 from femsub.checks import EPS, EQUAL, Array
 
-# two eigenvalues closer than DOUBLE |λ| are one double eigenvalue split by rounding: both are in a band, or none; both members of
-# such a pair are real; a λ that small, beside those of a band, is 0
+# Two eigenvalues closer than DOUBLE |λ| are a double eigenvalue split by rounding: both are in a band, or neither is. A conjugate
+# pair as close as this stands for two real eigenvalues. A |λ| below DOUBLE hi counts as 0.
 DOUBLE = 1e-6
-SMALL_SHARE = 1e-2  # in these tolerances |λ| counts as at least so much of hi: near 0 the rounding exceeds any share of |λ|
+SMALL_SHARE = 1e-2  # these tolerances use at least this share of hi in place of |λ|: near 0 the rounding exceeds any share of |λ|
 REAL_ROOT = 1e-6  # a root of the border function counts only if its coefficient c is real: |Im c| / |Re c| up to this
 Range = tuple[float, float]
 
@@ -18,9 +18,9 @@ def in_band(values: Array, band: Range, re: Range | None = None) -> Array:
     """Which values are in the band: lo ≤ ω ≤ hi, or lo ≤ Im λ ≤ hi and, with `re` = (a, b), a ≤ Re λ ≤ b; bool, shape (k,).
 
     The edges belong to the band. Values up to EQUAL |λ| beyond an edge are in as well, since rounding moves them.
-    Rounding splits a double eigenvalue by about the square root of EPS. So a value within DOUBLE |λ| of one that is in the
+    Rounding splits a double eigenvalue by about the square root of EPS. So a value within DOUBLE |λ| of a value in the
     band is in, too. The conjugate of a complex λ counts as such a neighbour: a double real eigenvalue may have become a
-    pair a ± bi with a small b. In both rules a |λ| below a hundredth of hi counts as that.
+    pair a ± bi with a small b. Both rules use at least hi/100 in place of |λ|.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def upper(values: Array) -> Array:
 
 
 def doubled(values: Array) -> Array:
-    """Places of the λ whose conjugates count as well: of two real ones that rounding made a pair only one, on either side."""
+    """Indices of nearly real λ whose conjugates count too: two real λ that rounding made a pair, with one member in `values`."""
     return np.flatnonzero(upper(values.conj()) & ~np.isin(values.conj(), values))
 
 

@@ -1,7 +1,7 @@
-"""A change of a model: what it adds to M, D, K and H as a function of its amount. The protocol of changes, and those of nodes.
+"""Changes of a model: matrices that are added to M, D, K and H, as functions of an amount. The protocol, and changes at nodes.
 
-A change acts on displacements u = U q of a few DOF, ΔK = θ(a) UᵀAU. U of a reduced model is that of the full one times V, and
-that of a system is times L. So one change serves the full and the reduced model, as one contact does.
+A change acts on displacements u = U q of a few DOF, ΔK = θ(a) UᵀAU. U of a reduced model is U V, with the U of the full model;
+U of a system is U L, with the U of a part. So one change serves the full and the reduced model, as one contact does.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ GROUND = "ground"
 class ChangeTerm(NamedTuple):
     """θ(a) UᵀAU, which a change adds to one of the matrices; `matrix` is 'M', 'D', 'K' or 'H'.
 
-    U has the shape (t, n) and A (t, t). θ takes a `Jet` in place of a number, and is 0 at 0.
+    U has the shape (t, n) and A (t, t). θ accepts a `Jet` in place of a number, and θ(0) = 0.
     """
 
     matrix: str
@@ -34,14 +34,14 @@ class ChangeTerm(NamedTuple):
 
 
 class Change(ABC):
-    """A change of a model by an amount. One of your own is a frozen dataclass with `amount`, `name` and `terms`.
+    """A change of a model by an amount. Write a change of your own as a frozen dataclass with `amount`, `name` and `terms`.
 
-    The derivative at the amount 0 is what `sensitivities` takes; `modified` applies the amount.
+    `sensitivities` uses the derivative at the amount 0; `modified` applies the amount.
 
     Attributes
     ----------
     amount : float
-        In `unit`; of a parameter the difference from its value now.
+        In `unit`. For a parameter, the difference from its present value.
     unit : str
         For tables.
     """
@@ -51,7 +51,7 @@ class Change(ABC):
 
     @property
     def value(self) -> float:
-        """The parameter's value now; NaN for what the model does not have yet."""
+        """The parameter's present value; NaN for a mass, spring or damper that the model does not have yet."""
         return float("nan")
 
     @property
@@ -60,11 +60,11 @@ class Change(ABC):
         """A name for tables."""
 
     def allowed(self, amount: float) -> None:  # noqa: B027  (most amounts are)
-        """Refuse an amount with which the model would make no sense, as a negative E, by an `InputError`."""
+        """Raise an `InputError` for an amount with which the model makes no sense, such as a negative E."""
 
     @abstractmethod
     def terms(self, model: Substructure) -> list[ChangeTerm]:
-        """What it adds to the matrices of a model.
+        """The terms that the change adds to the matrices of a model.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Change(ABC):
 
 @dataclass(frozen=True, eq=False)
 class _AtNodes(Change):
-    """a Σ_i s_i u_i² in one of the quadratic forms, for the motions u_i of an end; s_i are shares.
+    """Adds a Σ_i s_i u_i² to the quadratic form of M, K or D, with the motions u_i of an end and shares s_i.
 
     The amount is the sum over the nodes in each direction: a set of N nodes has s = 1/N. The motion of a port has s = 1.
     """
@@ -97,7 +97,7 @@ class _AtNodes(Change):
         return f"{self.noun} at {_title(self.at)}"
 
     def terms(self, model: Substructure, few: int = 64) -> list[ChangeTerm]:
-        """One term, on the motions of the end; A is dense for a `few` of them, which takes less time."""
+        """One term, on the motions of the end. A is dense for up to `few` motions, which takes less time."""
         U, shares, _ = end_motions(model, self.at, self.directions)
         A = np.diag(shares) if len(shares) <= few else sp.diags_array(shares, format="csr")
         return [ChangeTerm(self.matrix, U, A, lambda a: a)]
@@ -107,23 +107,23 @@ class _AtNodes(Change):
 class AddedMass(_AtNodes):
     """A mass m on a set of nodes or on the motion of a port: M + m Σ_i s_i e_i e_iᵀ, (n, n).
 
-    Of a set of N nodes each has the share s = 1/N of the mass, in each direction. Rotations are left out, unless `directions`
-    names them. A port has M + m w wᵀ.
+    Each node of a set of N nodes gets the share s = 1/N of the mass, in each direction. Rotations are left out, unless
+    `directions` names them. At a port, M becomes M + m w wᵀ.
 
     Parameters
     ----------
     at : str, sequence of int, or (part, sequence of int)
-        An interface set or a port of the model, as 'disc.rim' of a system, or DOF of the full model, counted from 0. Of a
-        system these are DOF of one of its parts, (part, DOF).
+        An interface set or a port of the model, as 'disc.rim' of a system, or DOF of the full model, counted from 0. For a
+        system give the DOF with their part, (part, DOF).
     amount : float
-        m in units of mass; negative where some is taken away.
+        m in units of mass. A negative m removes mass.
     directions : sequence of str, optional
         Labels of the DOF map, as 'uz'. Only these motions count.
 
     Raises
     ------
     InputError, InputTypeError
-        When it is used: a place that the model does not have, an unknown direction.
+        When the change is used: a place that the model does not have, an unknown direction.
 
     Examples
     --------
@@ -165,19 +165,20 @@ class _Between(_AtNodes):
 class AddedSpring(_Between):
     """A spring k from a set of nodes, or from the motion of a port, to the ground or to another end: K + k Σ_i s_i d_i d_iᵀ.
 
-    Of a set of N nodes each has the share s = 1/N of the stiffness, in each direction. `Spring` joins sets of two parts by place.
+    Each node of a set of N nodes gets the share s = 1/N of the stiffness, in each direction. To join two sets node by node, by
+    their places, use `Spring`.
 
     Parameters
     ----------
     at, amount, directions : see `AddedMass`
-        The amount is k in force per length; negative where some is taken away.
+        The amount is k in force per length. A negative k removes stiffness.
     to : 'ground', or as `at`
-        The other end, of as many motions in the same order.
+        The other end, with as many motions in the same order.
 
     Raises
     ------
     InputError, InputTypeError
-        When it is used: as of `AddedMass`; ends of different numbers of motions, or of different directions.
+        When the change is used: see `AddedMass`; ends with different numbers of motions, or with different directions.
 
     Examples
     --------
@@ -203,7 +204,7 @@ class AddedDamper(_Between):
     Raises
     ------
     InputError, InputTypeError
-        As of `AddedSpring`.
+        See `AddedSpring`.
 
     Examples
     --------
@@ -219,10 +220,10 @@ class AddedDamper(_Between):
 
 @dataclass(frozen=True, eq=False)
 class JointChange(Change):
-    """More of a joint's springs and dampers, by a share a: K + a RᵀkR, D + a RᵀcR with the relative motion R of the joint.
+    """A joint's springs and dampers times a share a are added: K + a RᵀkR, D + a RᵀcR with the relative motion R of the joint.
 
-    With a joint that the system has already, -0.1 takes a tenth of it away. With another one, 1 adds it. Where a change is
-    expected, a `Spring` stands for its whole, a = 1.
+    For a joint of the system, a = -0.1 removes a tenth of it. For another joint, a = 1 adds it. Functions that expect a change
+    also accept a `Spring`: it means a = 1.
 
     Parameters
     ----------
@@ -233,7 +234,7 @@ class JointChange(Change):
     Raises
     ------
     InputTypeError, InputError
-        Something else than a joint; when it is used, a joint that has equations, or ends that the model does not have.
+        Something else than a joint. When the change is used: a joint with equations, or ends that the model does not have.
 
     Examples
     --------
@@ -262,7 +263,7 @@ class JointChange(Change):
         return repr(self.joint)
 
     def terms(self, model: Substructure) -> list[ChangeTerm]:
-        """Those of its springs and dampers."""
+        """The terms of the joint's springs and dampers."""
         if (whole := _behind(model)) is not None:
             return [term._replace(U=term.U @ model.V) for term in self.terms(whole)]  # type: ignore[attr-defined]
         parts = getattr(model, "parts", None)
@@ -276,7 +277,7 @@ class JointChange(Change):
 
 
 def as_changes(what: str, given: Any) -> list[Change]:
-    """Changes, or joints, which stand for their whole, each checked to be one."""
+    """A list of changes, each checked. A joint becomes its `JointChange` with the share 1."""
     found: list[Change] = []
     for one in items(what, given, "changes, as AddedMass(...), MaterialChange(...) or a Spring"):
         joint = callable(getattr(one, "link", None)) and not isinstance(one, type)
@@ -288,7 +289,7 @@ def as_changes(what: str, given: Any) -> list[Change]:
 
 
 def added(model: Substructure, changes: Sequence[Change]) -> dict[str, Matrix]:
-    """ΔM, ΔD, ΔK and ΔH (n, n) of changes at their amounts, by name; those that nothing adds to are left out."""
+    """ΔM, ΔD, ΔK and ΔH (n, n) of changes at their amounts, by name; matrices without a change are left out."""
     found: dict[str, Matrix] = {}
     for change in changes:
         for key, U, A, factor in change.terms(model):
@@ -299,12 +300,14 @@ def added(model: Substructure, changes: Sequence[Change]) -> dict[str, Matrix]:
 
 
 def part_of(model: Substructure, part: str) -> Substructure:
-    """A part of a system by its name, also 'front.disc' of a system within it; the model itself without a name, or by its own.
+    """A part of a system by its name, such as 'disc', or 'front.disc' for a part of the system 'front' in it.
+
+    An empty name, or the model's own name, returns the model itself if it is no system.
 
     Raises
     ------
     InputError
-        There is no such part, or none is named.
+        There is no such part, or a system is given without the name of a part.
     """
     parts = getattr(model, "parts", None)
     if part not in ("", model.name) and (whole := _behind(model)) is not None:
@@ -322,20 +325,20 @@ def part_of(model: Substructure, part: str) -> Substructure:
 
 
 def _behind(model: Substructure) -> Substructure | None:
-    """The full system that a reduced model was made of as a whole, as long as it exists: it knows the parts."""
+    """The full system that was reduced as a whole to this model, as long as it exists: only the full system knows the parts."""
     wider = getattr(model, "wider", None)
     found: Any = None if wider is None else wider.full()
     return found if hasattr(found, "parts") and found.size == len(model.V) else None  # type: ignore[attr-defined]
 
 
 def full_dofs(model: Substructure, part: str = "") -> DofMap | None:
-    """The DOF map of the full part, of a reduced one too."""
+    """The DOF map of the full part, also if the part is reduced."""
     found = part_of(model, part)
     return found.full_dofs if isinstance(found, ReducedSubstructure) else found.dofs
 
 
 def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:
-    """U (t, n): these DOF of the full part in the model's coordinates, U = V[rows] L of a reduced part of a system."""
+    """U (t, n): these DOF of the full part in the model's coordinates. For a reduced part of a system U = V[rows] L."""
     found = part_of(model, part)
     if part not in ("", model.name) and (whole := _behind(model)) is not None:
         return displacements(whole, rows, part) @ model.V  # type: ignore[attr-defined]
@@ -350,7 +353,7 @@ def displacements(model: Substructure, rows: Array, part: str = "") -> Matrix:
 
 
 def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(None)) -> Matrix:
-    """The coordinates of a part, or some of them, in those of the model, (n_p, n)."""
+    """The rows of L, (n_p, n), that give a part's coordinates, or some of them, from the model's coordinates."""
     start = 0
     for name, one in getattr(model, "parts", {}).items():
         if part == name:
@@ -365,9 +368,9 @@ def _coordinates(model: Substructure, part: str, rows: Array | slice = slice(Non
 
 def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None = None
                 ) -> tuple[Matrix, Array, Sequence[str] | None]:
-    """U (t, n) of the motions of an end, their shares (t,), and their names; None where these are not known, as of ports.
+    """U (t, n) of the motions of an end, their shares (t,), and their names; None if the names are not known, as at ports.
 
-    A share is 1 over the number of nodes in each direction; 1 for a port.
+    The share is 1 over the number of nodes, in each direction; 1 for a port.
     """
     if isinstance(at, str) and at in model.ports:
         W = model.port(at).reshape(model.size, -1)
@@ -394,7 +397,7 @@ def end_motions(model: Substructure, at: Any, directions: Sequence[str] | None =
         return U, np.full(U.shape[0], 1 / U.shape[0]), None
     if directions is not None and (unknown := [one for one in directions if one not in labels]):
         raise unknown_name("direction", unknown[0], sorted(set(labels)))
-    # rotations and slopes have another unit
+    # rotations and slopes have another unit than translations
     plain = [label for label in labels if label not in MOTIONS[3:] and "," not in label]
     wanted = set(plain or labels) if directions is None else set(directions)
     kept = np.array([at for at, label in enumerate(labels) if label in wanted])

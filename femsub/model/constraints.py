@@ -1,4 +1,4 @@
-"""A pencil with Lagrange multipliers μ, and the one without them: (λ²M + λD + K)x + Cμ = 0, Bx = 0, so that x = X q."""
+"""Removal of Lagrange multipliers μ from a pencil: (λ²M + λD + K)x + Cμ = 0, Bx = 0, so that x = X q."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Freed:
-    """The pencil YᵀP(λ)X (k, k) on the motions X (n, k) that the constraints leave; its λ are all the finite ones of P.
+    """The pencil YᵀP(λ)X (k, k) on the motions X (n, k) that the constraints allow. Its λ are all finite λ of P.
 
-    The rows of `whole` named by `held` are the constraints, its columns of these numbers the multipliers, `rest` are the others.
+    In `whole`, the rows `held` are the constraints and the columns `held` the multipliers. `rest` are the other rows and columns.
     Y = X if the constraint forces are Bᵀμ.
     """
 
@@ -60,7 +60,7 @@ class Freed:
         size = np.sqrt(C.multiply(C).sum(axis=0))
         C = sp.csc_array(C / size)
         factor = splu(sp.csc_array(C.T @ C))
-        for _ in range(2):  # the second step removes what the squared condition costs
+        for _ in range(2):  # the second step removes the error from the squared condition number
             force = C.T @ (unit[:, None] * pencil.residual(values, found)[self.rest])
             found[self.held] -= (factor.solve(force.real) + 1j * factor.solve(force.imag)) / size[:, None]
         return unit_length(found)
@@ -102,7 +102,7 @@ def _multipliers(pencil: Pencil) -> Array:
         still = still[np.asarray(size.sum(axis=0) + size.sum(axis=1))[still] == 0]
     among = sp.csr_array(sp.csr_array(pencil.K)[still][:, still])
     linked, taken = sp.csr_array(abs(among) + abs(among.T)), np.ones(len(still), dtype=bool)
-    for row in np.flatnonzero(np.diff(linked.indptr)):  # of two that are coupled, one is an ordinary DOF
+    for row in np.flatnonzero(np.diff(linked.indptr)):  # if two candidates are coupled, one of them is an ordinary DOF
         others = linked.indices[linked.indptr[row]:linked.indptr[row + 1]]
         taken[row] = not taken[others[others < row]].any()
     return still[taken]
@@ -119,7 +119,7 @@ def _motions(B: Matrix, unit: Array, held: Array) -> Matrix:
 
 
 def _projected(pencil: Pencil, rest: Array, X: Matrix, Y: Matrix) -> Pencil:
-    """YᵀP(λ)X with exact zeros where only rounding is left of a sum."""
+    """YᵀP(λ)X. Entries that are only the rounding of a sum are set to exact zeros."""
     def between(A: Matrix) -> Matrix:
         own = A[rest][:, rest] if sp.issparse(A) else A[np.ix_(rest, rest)]
         found = product(Y.T, product(own, X))

@@ -1,8 +1,8 @@
-"""What acts on a model's ports: the protocol of contacts, and a linear contact given by its matrices.
+"""Contacts, which act on a model's ports: their protocol, and a linear contact given by its matrices.
 
-Friction may make a contact's stiffness unsymmetric. A `Substructure` keeps symmetric M and K all the same. The contact is
-separate, and the model linearised under it, `Substructure.linearised`, is a `Pencil`. W of a reduced model is VᵀW, so one
-contact serves the full and the reduced model.
+Friction may make a contact's stiffness unsymmetric, while a `Substructure` has symmetric M and K. So the contact is a separate
+object, and the model linearised with it, `Substructure.linearised`, is a `Pencil`. The port columns of a reduced model are VᵀW,
+so one contact serves the full and the reduced model.
 """
 
 from __future__ import annotations
@@ -20,40 +20,42 @@ from femsub.checks import Array, InputError, InputTypeError, Matrix, items, mapp
 
 log = logging.getLogger(__name__)
 
-Model: TypeAlias = Any  # a Substructure, which knows of contacts; they ask it for its ports and sets
+Model: TypeAlias = Any  # a Substructure; not named as the type, since its module imports this one
 
 @runtime_checkable
 class Contact(Protocol):
-    """What acts on ports of a model. This table is the interface for a contact of your own.
+    """The protocol of contacts, which act on ports of a model. This table is the interface for a contact of your own.
 
-    W (n, p) has the columns of the contact's ports side by side, u = Wᵀq and v = Wᵀq̇ are the motion there. Make your contact a
-    frozen dataclass, so that it can be compared, pickled and changed by `replace`, as `critical_value` does.
+    W (n, p) has the columns of the contact's ports side by side. u = Wᵀq and v = Wᵀq̇ are the motion there. Make your contact a
+    frozen dataclass, so that it can be compared, pickled and changed by `replace`, as in `critical_value`.
 
     =====================  ================================================================================================
     ports                  names of the ports, a tuple of str
     sets                   names of interface sets, whose DOF follow the ports' columns; optional, for contacts of surfaces
     linearised(model)      (C_D, C_K): D becomes D + W C_D Wᵀ, K becomes K + W C_K Wᵀ about the operating point. Each is a
-                           matrix (p, p), symmetric or not, full or sparse; a number c, which stands for c times the unit
+                           matrix (p, p), symmetric or not, dense or sparse; a number c, which stands for c times the unit
                            matrix; or None.
     exerted(u, v)          the force f (p,) in motion: M q̈ + D q̇ + K q = W f(u, v), for `transient` and limit cycles
-    tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D. None for one that is 0
-                           everywhere: limit cycles of forces that depend on v alone take less time, and have multipliers.
-    in_motion(model)       instead of the last two: an object that has them, for contacts whose force needs to know the model
-    columnwise             True if each column acts by itself and like the others: exerted takes u and v of any shape, entry by
-                           entry, and tangents takes (p, m) at m times as well and gives (p, p, m)
+    tangents(u, v)         (∂f/∂u, ∂f/∂v), (p, p) each. At the operating point they are -C_K and -C_D. Return None for a
+                           derivative that is 0 everywhere: if f depends on v alone, limit cycles take less time and have
+                           multipliers.
+    in_motion(model)       replaces `exerted` and `tangents`: returns an object that has them, for a force that depends on the
+                           model
+    columnwise             True if all columns follow the same law, each independent of the others. `exerted` then takes u and v
+                           of any shape, entry by entry, and `tangents` also takes (p, m), for m times, and returns (p, p, m).
     scalar()               f and ∂f/∂v of a single column as fast functions of one float v, if f does not depend on u
     affine                 names of the fields in which C_D and C_K are affine, a + b p with all other fields as they are: a tuple
                            of str, an attribute of the class or a property. Without it `critical_value` is at most 'confirmed'.
-                           Samples check it. A subclass declares anew, since it may change the matrices.
-    affine_through         functions of fields in which C_D and C_K are affine, a + Σ b_i f_i(p): a dict of names, each with one
-                           function, as {"speed": np.reciprocal}, or a tuple of several; None is the field itself. Else as
-                           `affine`. Products such as mu / speed need no more, since one field at a time changes.
+                           Samples check it. A subclass must declare it again, since it may change the matrices.
+    affine_through         functions of fields in which C_D and C_K are affine, a + Σ b_i f_i(p): a dict of field names, each with
+                           one function, as {"speed": np.reciprocal}, or with a tuple of functions; None is the field itself.
+                           Otherwise as `affine`. Products such as mu / speed need nothing more: one field changes at a time.
     kinks(parameter)       values of a field at which C_D or C_K has a kink or a jump, a sequence of numbers. `critical_value` and
                            `track` look there.
     =====================  ================================================================================================
 
-    `ports` and `linearised` are required. `affine` and `kinks` are for analyses over a field. Without what it exerts and its
-    tangents the contact has no place in nonlinear motion, and is refused there by name.
+    `ports` and `linearised` are required. `affine` and `kinks` are for analyses over a field. Without `exerted` and `tangents`,
+    analyses of nonlinear motion refuse the contact, by its name.
     """
 
     @property
@@ -62,7 +64,7 @@ class Contact(Protocol):
     def linearised(self, model: Model) -> tuple[Any, Any]: ...
 
 
-Contacts: TypeAlias = Contact | Sequence[Contact] | None  # what functions take
+Contacts: TypeAlias = Contact | Sequence[Contact] | None  # type of the argument `contacts`
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -75,15 +77,15 @@ class LinearContact(Frozen):
     Parameters
     ----------
     ports : sequence of str
-        Names of the ports; a port of several columns takes as many rows.
+        Names of the ports. A port of several columns takes as many rows of the matrices.
     stiffness, damping : array_like, shape (p, p), optional
         C_K (force / length) and C_D (force · time / length); none by default.
 
     Raises
     ------
     InputError, InputTypeError
-        No port, neither of the matrices, matrices that are not square or not alike, NaN. Another number of columns than the
-        model's ports have, when the contact is used.
+        No port, no matrix, matrices that are not square or of different sizes, NaN. When the contact is used: matrices whose
+        size is not the number of the ports' columns in the model.
 
     Examples
     --------
@@ -138,13 +140,13 @@ class LinearContact(Frozen):
 
 
 def contacts_of(contacts: Any) -> tuple[Contact, ...]:
-    """One contact, several or None as a tuple, each checked to be one."""
+    """A tuple of contacts, each checked, from one contact, several or None."""
     if contacts is None:
         return ()
     given = [contacts] if isinstance(contacts, Contact) and not isinstance(contacts, type) else \
         items("contacts", contacts, "Belts or other contacts, or one of them")
     for contact in given:
-        model = hasattr(type(contact), "pencil")  # it has ports and linearised(), too
+        model = hasattr(type(contact), "pencil")  # a model has ports and linearised(), too
         if model or isinstance(contact, type) or not isinstance(contact, Contact):
             raise InputTypeError("a contact must be a Belt, a LinearContact or another object with `ports` and "
                                  f"linearised(model), not {shown(contact)}{'. Join models with couple' * model}")
@@ -157,12 +159,12 @@ def fields_of(contact: Any) -> tuple[str, ...]:
 
 
 def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
-    """The contacts with this value of a parameter. Those that do not have it stay as they are, which the log reports.
+    """The contacts with this value of a parameter. Contacts without the parameter stay as they are, which the log reports.
 
     Raises
     ------
     InputError
-        None of them has it.
+        No contact has the parameter.
     """
     given: Sequence[Any] = contacts_of(contacts)
     known = [fields_of(one) for one in given]
@@ -175,13 +177,13 @@ def contacts_at(contacts: Contacts, parameter: str, value: float) -> list[Any]:
 
 
 def without(contacts: Contacts, parameter: str = "mu") -> list[Any]:
-    """The contacts with 0 for this field, without friction by default. Those that do not have it stay as they are."""
+    """The contacts with 0 for this field, by default without friction. Contacts without the field stay as they are."""
     given: Sequence[Any] = contacts_of(contacts)
     return [replace(one, **{parameter: 0.0}) if parameter in fields_of(one) else one for one in given]
 
 
 def affine_fields(contact: Any) -> tuple[str, ...]:
-    """The fields in which a contact's own class says that its matrices are affine."""
+    """The fields in which a contact's matrices are affine, as its own class declares."""
     if "affine" not in vars(type(contact)):
         return ()
     what = f"`affine` of {type(contact).__name__}"
@@ -189,9 +191,9 @@ def affine_fields(contact: Any) -> tuple[str, ...]:
 
 
 def affine_functions(contact: Any, field: str) -> tuple[Callable[[Any], Any] | None, ...]:
-    """The functions of a field in which a contact's own class says that its matrices are affine.
+    """The functions of a field in which a contact's matrices are affine, as its own class declares.
 
-    None stands for the field itself. There are none if the contact declares nothing for the field.
+    None stands for the field itself. The tuple is empty if the contact declares nothing for the field.
     """
     if field in affine_fields(contact):
         return (None,)
@@ -210,12 +212,12 @@ def affine_functions(contact: Any, field: str) -> tuple[Callable[[Any], Any] | N
 def _its_fields(contact: Any, what: str, names: Iterable[Any]) -> tuple[str, ...]:
     checked = tuple(word(what, name) for name in names)
     if missing := [name for name in checked if not hasattr(contact, name)]:
-        raise InputError(f"{what} names {missing[0]!r}, which it has not")
+        raise InputError(f"{what} names {missing[0]!r}, which is not a field of the contact")
     return checked
 
 
 def kinks_of(contact: Any, parameter: str) -> tuple[float, ...]:
-    """The values of a field at which a contact says that its matrices have a kink or a jump."""
+    """The values of a field at which a contact's matrices have a kink or a jump, as the contact declares."""
     if not callable(kinks := getattr(contact, "kinks", None)):
         return ()
     found = real_array(f"kinks({parameter!r}) of {type(contact).__name__}", kinks(parameter))

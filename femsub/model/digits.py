@@ -1,4 +1,4 @@
-"""How well the entries of K are known: what distinguishes the rounding of a written or roughly assembled K from a soft mount."""
+"""The accuracy of K's entries: it distinguishes the rounding of a written or roughly assembled K from a soft mount."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ import scipy.sparse as sp
 
 from femsub.checks import EPS, Array, Matrix
 
-ROUGH = 512 * EPS  # sums of rows that are smaller are rounding of a good assembly
-SEEN = 1e-6  # largest share of K's entries that is taken for rounding
-ALONG = 0.5  # share of the absolute sum from which forces add up, as those of a mount do; those of rounding do not
+ROUGH = 512 * EPS  # smaller relative row sums are the rounding of a good assembly
+SEEN = 1e-6  # larger relative row sums are not taken for rounding
+ALONG = 0.5  # |Σ forces| / Σ|forces| above which they are those of a mount: forces from rounding nearly cancel
 SLACK = 4.0  # rounding of K along rotations may be larger than along translations
-MANY = 200_000  # entries of a sparse K from which some are left out at once
-SAMPLE, FEW = 2000, 10  # entries that are looked at; different ones that are needed
-TYPICAL = 0.125  # of the last digit, since many roundings of either sign add up in a mode
+MANY = 200_000  # of a sparse K with more entries, only about this many are read
+SAMPLE, FEW = 2000, 10  # entries whose digits are counted; the least number of different entries for a verdict
+TYPICAL = 0.125  # typical rounding error as a share of the last digit, since many roundings of either sign add up in a mode
 DIGITS = range(5, 15)  # decimal digits of a written K; numbers with fewer may be round by themselves
-DUST = 64 * EPS  # of the largest entry: smaller ones are rounding themselves
-BITS = np.finfo(np.float32).nmant + 1  # of a number in single precision
+DUST = 64 * EPS  # share of the largest entry: smaller entries are rounding themselves
+BITS = np.finfo(np.float32).nmant + 1  # significant bits of a number in single precision
 
 
 def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) -> float:
-    """The relative rounding u of the entries of K that its own figures show: eps, or more.
+    """The relative rounding u of the entries of K, as found from K itself: eps, or more.
 
-    Two figures show more. Entries that all end after as many digits were written so. In a free body the rows of K sum to 0
-    along each translation t (n, k); sums of either sign are rounding, while those of a soft mount add up. `forces` are Kt and
-    |K|t, where they are known.
+    Two properties of K show a larger rounding. If all entries have the same number of digits, K was written with these digits.
+    In a free body the rows of K sum to 0 along each translation t (n, k): row sums of both signs are rounding, while the row
+    sums of a soft mount have one sign. `forces` are Kt and |K|t, if they are known.
     """
     sums, size = forces or (K @ t, abs(K) @ t)
     ratio = np.divide(np.abs(sums), size, out=np.zeros_like(size), where=size > 0).max(axis=0, initial=0.0)
     seen = (SLACK * ratio > ROUGH) & (ratio <= SEEN)
     along, most = t[:, seen] * sums[:, seen], float(ratio[seen].max(initial=0.0))
     entries = K.data[::max(1, K.nnz // MANY)] if sp.issparse(K) else K.ravel()
-    written = max(map(_written, (entries, entries[entries < 0])))  # columns of a fixed width leave negative ones a digit less
+    written = max(map(_written, (entries, entries[entries < 0])))  # in columns of fixed width, negative numbers have a digit less
     if (along.sum(axis=0) > ALONG * np.abs(along).sum(axis=0)).any():
         # springs to the ground; or a regular mesh, where rounding is the same at many nodes: at most half of the last digit
         return written if most <= 0.5 / TYPICAL * written else EPS
@@ -39,9 +39,9 @@ def rounding_of(K: Matrix, t: Array, forces: tuple[Array, Array] | None = None) 
 
 
 def _written(entries: Array, most: float = 0.95) -> float:
-    """u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they hold more.
+    """The rounding u of entries written in single precision, or with 5 to 14 decimal digits; 0 if they have more digits.
 
-    It is that of `most` of the entries, not of all: springs that were added later may have more digits.
+    The share `most` of the entries decides, not all of them: springs that were added later may have more digits.
     """
     size = np.abs(entries)
     size = size[size > DUST * size.max(initial=0.0)]
@@ -57,14 +57,14 @@ def _written(entries: Array, most: float = 0.95) -> float:
 
 
 def by_diagonal(A: Array) -> Array:
-    """a_ij / √(a_ii a_jj). Where a diagonal entry is not positive, the largest of its row stands for it."""
+    """a_ij / √(a_ii a_jj). A diagonal entry that is not positive is replaced by the largest |a_ij| of its column."""
     diagonal, size = A.diagonal(), np.abs(A).max(axis=0, initial=0.0)
     unit = np.where(diagonal > 0, diagonal, np.where(size > 0, size, 1.0)) ** -0.5
     return A * np.outer(unit, unit)
 
 
 def over_diagonal(difference: Array, A: Array, rounding: Array | float = 0.0) -> Array:
-    """|Δ_ij| over √(a_ii a_jj); what is within the rounding counts as none."""
+    """|Δ_ij| / √(a_ii a_jj); differences within `rounding` count as 0."""
     size = np.sqrt(np.abs(A.diagonal()))
     size = np.where(size > 0, size, EPS * size.max(initial=0.0))
     beyond = np.maximum(np.abs(difference) - rounding, 0.0)

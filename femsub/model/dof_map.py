@@ -13,9 +13,9 @@ from femsub.checks import Array, InputError, items, real_array, unknown_name, wh
 
 LARGEST = 10 ** 15  # limit of node numbers: node and motion are packed into one integer
 TRANSLATIONS = ("ux", "uy", "uz")
-MOTIONS = (*TRANSLATIONS, "rx", "ry", "rz")  # of a node, and of a rigid body
+MOTIONS = (*TRANSLATIONS, "rx", "ry", "rz")  # motions of a node, and of a rigid body
 AXES = {"ux": 0, "uy": 1, "uz": 2, "w": 2}
-#: the rotation that a motion is, and its sign: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
+#: the axis and the sign of each motion that is a rotation: the slopes of a deflection w are ∂w/∂x = -θ_y and ∂w/∂y = θ_x
 ROTATIONS = {"rx": (0, 1.0), "ry": (1, 1.0), "rz": (2, 1.0), "w,x": (1, -1.0), "w,y": (0, 1.0)}
 STILL = ("w,xy",)  # motions that are 0 in rigid motion
 
@@ -29,7 +29,7 @@ class DofMap(Frozen):
     Parameters
     ----------
     nodes : array_like of int, shape (n,)
-        Node numbers: those of the mesh file, else counted from 1.
+        Node numbers: the numbers of the mesh file; without a file, counted from 1.
     components : array_like of int, shape (n,)
         Indices into `labels`.
     labels : sequence of str
@@ -107,7 +107,7 @@ class DofMap(Frozen):
         return found
 
     def rows_of(self, other: DofMap) -> Array:
-        """The row here of each DOF of another map, by its node and motion; -1 where there is none."""
+        """For each DOF of another map, the row in this map with the same node and motion; -1 if there is none."""
         named = {label: at for at, label in enumerate(self.labels)}
         kinds = np.array([named.get(label, -1) for label in other.labels])[other.components]
         keys = self.nodes * len(self.labels) + self.components
@@ -117,12 +117,12 @@ class DofMap(Frozen):
         return np.where((kinds >= 0) & (keys[place] == wanted), place, -1)
 
     def kept(self, rows: Array) -> DofMap:
-        """The map of a model that keeps only some of the DOF, in the order given."""
+        """The map of some of the DOF, in the order of `rows`."""
         return DofMap(self.nodes[rows], self.components[rows], self.labels, None if self.points is None else self.points[rows])
 
     @property
     def no_rigid(self) -> str:
-        """Why `rigid` cannot say how the DOF move in rigid motion; '' where it can."""
+        """Why `rigid` cannot give the motion of the DOF in rigid motion; '' if it can."""
         for label in self.labels:
             if label not in (*AXES, *ROTATIONS, *STILL):
                 return (f"the motion {label!r} has no known part in a rigid motion; those of "
@@ -130,14 +130,14 @@ class DofMap(Frozen):
         return "the places of the DOF are not known" if self.points is None else ""
 
     def rigid(self, origin: Array | None = None) -> Array:
-        """R (n, 6) with u = R g for the rigid motion g = (t, θ) about a point: t + θ × (x - x₀), and the rotations themselves.
+        """R (n, 6) with u = R g for the rigid motion g = (t, θ): translations t + θ × (x - x₀), and rotations θ.
 
-        The point is by default the mean of all.
+        x₀ is `origin`, by default the mean of the points of all DOF.
 
         Raises
         ------
         InputError
-            The places are not known; a motion that is none of ux, uy, uz, w, slopes and rotations.
+            The places are not known; a motion other than ux, uy, uz, w, slopes and rotations.
         """
         if self.points is None or self.no_rigid:
             raise InputError(self.no_rigid)
@@ -158,11 +158,11 @@ class DofMap(Frozen):
         return R
 
     def apart_from(self, other: DofMap) -> tuple[int, str] | None:
-        """The first DOF whose direction is not that of the same DOF of another map, and how they differ; None: all agree."""
+        """The first DOF whose direction differs from the same DOF of another map, and the difference; None if all agree."""
         return first_apart(*([dofs.labels[k] for k in dofs.components] for dofs in (self, other)))
 
     def also_called(self, label: str) -> str:
-        """'uz', or '-ry', of a motion that this map has under another name; '' where it has none of that direction."""
+        """This map's name for the direction of `label`, with its sign, such as 'uz' for 'w'; '' if it has none."""
         mine = way_of(label)
         for name in self.labels:
             if (yours := way_of(name)) is not None and mine is not None and yours[:2] == mine[:2]:
@@ -176,7 +176,7 @@ class DofMap(Frozen):
 
 
 def way_of(label: str) -> tuple[str, int, float] | None:
-    """What a named motion is: along or about an axis (0 to 2), and in which sense; None of names that are not known."""
+    """The direction of a named motion: along or about an axis (0 to 2), and its sense; None if the name is not known."""
     if label in AXES:
         return "along", AXES[label], 1.0
     if label in ROTATIONS:
@@ -185,9 +185,9 @@ def way_of(label: str) -> tuple[str, int, float] | None:
 
 
 def first_apart(ours: Sequence[str], theirs: Sequence[str]) -> tuple[int, str] | None:
-    """Where two lists of motions, which are to be equal one by one, first have different directions, and how they differ.
+    """The first place where two lists of motions have different directions, and the difference; None if they agree.
 
-    Names that are not known fit any other. None: they agree.
+    Unknown names agree with any other name.
     """
     for one, other in dict.fromkeys(zip(ours, theirs, strict=True)):  # each pair of names once
         mine, yours = way_of(one), way_of(other)

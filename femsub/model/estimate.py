@@ -27,24 +27,24 @@ class Estimate:
     tol : float
         The largest relative error allowed.
     modes : int
-        Elastic modes kept.
+        The number of elastic modes kept.
     cutoff : float
         The frequency of the first mode left out (inf for a complete basis).
     frequencies, frequency_error : ndarray, shape (k,)
         ω of the undamped reduced model, and the estimate of (ω - ω_exact) / ω_exact; rigid-body modes are exact. The residual
-        of the eigensolver is not included; it is 1e-10 at most, and its square enters ω. Craig-Chang's modes are exact,
-        so its figures here are rounding.
+        of the eigensolver is not included; it is at most 1e-10, and its square enters ω. The modes of Craig-Chang are exact,
+        so its errors are rounding only.
     eigenvalues, eigenvalue_error : ndarray, shape (l,)
         λ with Im λ ≥ 0 of the damped reduced model, and the estimate of |λ - λ_exact| / |λ_exact|; empty without damping.
     unmatched : int
-        Complex eigenvalues in the band that have no counterpart: in the reduced or in the reference model only.
+        The number of λ in the band without a counterpart: only the reduced model or only the reference model has them.
     searched : int
-        Elastic modes that were computed for the estimate.
+        The number of elastic modes that were computed for the estimate.
     share : float
-        The band ends below this share of the cut-off: 0.7 for one component. 1 for a system: the estimate compares with modes
-        beyond its cut-off then.
+        The band must end below this share of the cut-off: 0.7 for one component. 1 for a system, since its estimate compares
+        with modes above the cut-off.
     located, radius : ndarray, shape (l,) or (0,)
-        With friction contact, where λ of the full system is: not farther than `radius` from `located`.
+        With friction contact: the λ of the full system that belongs to each eigenvalue is within `radius` of `located`.
 
     Examples
     --------
@@ -105,10 +105,10 @@ class Estimate:
             raise InputError(f"the estimate is damaged ({type(problem).__name__}: {problem})") from None
 
     def growth_of_full(self, values: Array) -> Array:
-        """Between which values Re λ of the full system lies, for each λ of the model, (k, 2); NaN where it is not known.
+        """Bounds of Re λ of the full system for each λ of the model, (k, 2); NaN where they are not known.
 
-        The estimate holds for the contacts that it was made for. So it covers only those λ that it knows. A λ of at most
-        1e-6 of the band that it does not know may be rigid motion, whose λ = 0 rounding moves to either side.
+        The estimate is valid for the contacts that it was made for. So only the λ in `eigenvalues` have bounds. Another λ with
+        |λ| of at most 1e-6 of the band's end may be rigid motion, whose λ = 0 rounding moves to either side.
         """
         found = np.full((len(values), 2), np.nan)
         if len(self.located) and len(values):
@@ -123,7 +123,7 @@ class Estimate:
         return found
 
     def reaching(self, band: tuple[float, float]) -> tuple[float, float]:
-        """The band, widened to those λ of the model beside it whose λ of the full system may be in it."""
+        """The band, widened to include each λ of the model whose counterpart in the full system may be in the band."""
         outside = distance_outside(self.located, band, (-band[1], band[1])) if len(self.located) else np.zeros(0)
         height = self.eigenvalues.imag[:len(outside)][outside <= self.radius]
         return float(height.min(initial=band[0])), float(height.max(initial=band[1]))
@@ -142,7 +142,7 @@ class Estimate:
 
     def __repr__(self) -> str:
         text = f"{len(self.frequencies)} ω within {self.frequency_error.max(initial=0.0):.1e}, "
-        text = text if len(self.frequencies) or not len(self.eigenvalues) else ""  # complex vectors span no undamped modes
+        text = text if len(self.frequencies) or not len(self.eigenvalues) else ""  # a basis of complex modes: no ω are estimated
         if len(self.eigenvalues) or self.unmatched:
             text += f"{len(self.eigenvalues)} λ within {self.eigenvalue_error.max(initial=0.0):.1e}, "
         if self.unmatched:

@@ -1,7 +1,8 @@
-"""Factors of matrices as text: arithmetic of parameters' names, as "1 / speed" or "mu * (1 - speed / 40)".
+"""Factors of matrices as text: arithmetic with names of parameters, as "1 / speed" or "mu * (1 - speed / 40)".
 
-An expression is parsed by Python's `ast`, of which only numbers, names, + - * / **, parentheses and a few functions are taken.
-Nothing is ever run as code. One walk over the tree serves floats, an `Interval` (is it defined everywhere?) and straight lines.
+An expression is parsed by Python's `ast`. Only numbers, names, + - * / **, parentheses and a few functions are accepted, and
+nothing is run as code. One walk over the tree evaluates floats, an `Interval` (is the value defined everywhere?) and straight
+lines.
 """
 
 from __future__ import annotations
@@ -28,18 +29,18 @@ OPERATORS: dict[type, Callable[[Any, Any], Any]] = {ast.Add: operator.add, ast.S
 SIGNS: dict[type, Callable[[Any], Any]] = {ast.UAdd: lambda a: a, ast.USub: operator.neg}
 FUNCTIONS = {"sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin, "cos": math.cos}
 CONSTANTS = {"pi": math.pi}
-BROKEN = "a broken power of a negative number"
+BROKEN = "a fractional power of a negative number"
 TAKEN = f"numbers, names of parameters, + - * / **, parentheses, {', '.join(FUNCTIONS)} and pi"
 
 
 @dataclass(frozen=True)
 class Expression:
-    """An arithmetic expression of parameters, checked when it is made; errors name `where`, the matrix it belongs to.
+    """An arithmetic expression of parameters, checked when it is made. Errors name `where`, the matrix that it belongs to.
 
     Raises
     ------
     InputError
-        Not an expression, or one with something else than `TAKEN` in it.
+        Not an expression, or an expression with elements that are not in `TAKEN`.
     """
 
     text: str
@@ -48,7 +49,7 @@ class Expression:
     def __post_init__(self) -> None:
         if len(self.text) > LONGEST:
             raise InputError(f"the factor of {self.where} must have at most {LONGEST} characters, but has {len(self.text)}")
-        if strange := set(self.text) & {"#", "\\"}:  # Python would leave out what follows
+        if strange := set(self.text) & {"#", "\\"}:  # Python would ignore the text after them
             raise InputError(f"the factor of {self.where}: {self.text!r} has {min(strange)} in it, but only {TAKEN} may "
                              "stand there")
         for node in ast.walk(self._tree):
@@ -75,7 +76,7 @@ class Expression:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The parameters, in the order in which they stand there."""
+        """The parameters, in the order in which they appear in the text."""
         called = {id(node.func) for node in ast.walk(self._tree) if isinstance(node, ast.Call)}
         found = [node for node in ast.walk(self._tree) if isinstance(node, ast.Name) and id(node) not in called]
         if bad := [node.id for node in found if node.id in FUNCTIONS]:
@@ -89,7 +90,7 @@ class Expression:
         Raises
         ------
         InputError
-            It has none: a division by zero, the root of a negative number, a value that is not finite.
+            There is no value: a division by zero, the root of a negative number, a value that is not finite.
         """
         if any(isinstance(value, Interval) for value in values.values()):
             return self._walk(values)
@@ -102,13 +103,13 @@ class Expression:
         return float(found)
 
     def check_over(self, parameter: str, between: tuple[float, float], values: Mapping[str, float], most: int = 10_000) -> None:
-        """Checks that there is a value everywhere in a range of one parameter, by the arithmetic of ranges, `most` at most.
+        """Checks by interval arithmetic, on at most `most` intervals, that there is a value everywhere in a parameter's range.
 
         Raises
         ------
         InputError
-            There is a place without a value, such as a division by zero; it is named. Or a sine or cosine has more than a hundred
-            periods in the range: no search could follow it.
+            The expression has no value at a place in the range, such as a division by zero; the message names the place. Or a
+            sine or cosine has more than a hundred periods in the range: no search could follow it.
         """
         for end in between:
             self({**values, parameter: end})
@@ -132,16 +133,16 @@ class Expression:
                     raise self._undefined({**values, parameter: middle}, error) from None
 
     def lines(self, parameter: str, values: Mapping[str, float]) -> tuple[float, float] | None:
-        """(a, b) if the expression is a + b · parameter; None if it is no straight line."""
+        """(a, b) if the expression is a + b · parameter; None otherwise."""
         try:
             found = self._walk({**values, parameter: Polynomial([0.0, 1.0])})
-        except (ArithmeticError, AttributeError, TypeError, ValueError):  # no polynomial of it, such as 1 / parameter
+        except (ArithmeticError, AttributeError, TypeError, ValueError):  # not a polynomial, such as 1 / parameter
             return None
         terms: list[float] = [*(found.coef.tolist() if isinstance(found, Polynomial) else [found]), 0.0]
         return (terms[0], terms[1]) if all(map(math.isfinite, terms[:2])) and not any(terms[2:]) else None
 
     def _walk(self, values: Mapping[str, Any]) -> Any:
-        """The value where names have these values: floats, an `Interval` or a polynomial."""
+        """The value for these values of the names: floats, an `Interval` or a polynomial."""
         def value(node: ast.expr) -> Any:
             match node:
                 case ast.Constant():
@@ -172,7 +173,7 @@ class Expression:
 
 @dataclass(frozen=True)
 class Factor:
-    """θ of an `Affine`: an expression of some parameters, the others having values."""
+    """A factor θ of an `Affine`: an expression as a function of `parameters`, with fixed `values` of the others."""
 
     expression: Expression
     parameters: tuple[str, ...]
@@ -187,14 +188,14 @@ class Factor:
 
 
 class _RapidError(Exception):
-    """A sine or cosine of so wide a range that it says nothing."""
+    """A sine or cosine over so many periods that its range contains no information."""
 
 
 def affine_of(sums: Mapping[str, Sequence[tuple[Expression, Matrix]]], free: Sequence[str],
               values: Mapping[str, float]) -> Affine:
-    """The pencil of the sums 'M', 'D' and 'K' of θ A over the parameters `free`; all others have values.
+    """The pencil of the sums 'M', 'D' and 'K' of θ A over the parameters `free`; the other parameters have fixed values.
 
-    Where one parameter is free, a factor a + b p stands as two terms, so that analyses over p can be certified.
+    If one parameter p is free, a factor a + b p becomes two terms, so that analyses over p can be certified.
     """
     found: dict[str, Any] = {}
     for name, terms in sums.items():
@@ -213,12 +214,12 @@ def affine_of(sums: Mapping[str, Sequence[tuple[Expression, Matrix]]], free: Seq
 
 
 def check_range(factors: Sequence[Expression], free: str, between: tuple[float, float], values: Mapping[str, float]) -> None:
-    """Refuses a range of a parameter in which a factor has no value somewhere, or in which none changes.
+    """Checks that each factor has a value everywhere in a range of the parameter `free`, and that some factor depends on it.
 
     Raises
     ------
     InputError
-        So it is.
+        A factor has no value somewhere in the range, or no factor depends on the parameter.
     """
     for one in factors:
         one.check_over(free, between, values)

@@ -1,8 +1,8 @@
-"""`family_of`: a model with contacts and changes as an `Affine` over their parameters, and the check of what contacts declare.
+"""`family_of`: a model with contacts and changes as an `Affine` over their parameters, and the check of contacts' declarations.
 
 A contact declares in `affine` and `affine_through` that its C_D and C_K are affine in each parameter p_i, or in functions f(p_i),
-while the others stay. So each is a sum Σ c_S Π f(p_i) over sets S of parameters. The values at the corners of a box give all c_S,
-and each becomes one matrix W c_S Wᵀ.
+with all other parameters fixed. So C_D and C_K are sums Σ c_S Π f(p_i) over sets S of parameters. The values of C at the corners
+of a box determine all c_S, and each c_S gives one matrix W c_S Wᵀ.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from femsub.model.jets import Jet
 from femsub.model.pencil import contact_matrix
 from femsub.model.substructure import Substructure
 
-Function: TypeAlias = Callable[[Any], Any] | None  # of one parameter; None is the parameter itself
+Function: TypeAlias = Callable[[Any], Any] | None  # a function of one parameter; None is the parameter itself
 Key: TypeAlias = tuple[tuple[str, Function], ...]  # factors of a product
 
 SAMPLES = (0.0, 0.19, 0.5, 0.77, 1.0)  # places in the range where a declaration is checked
-IRREGULAR = (5**0.5 - 1) / 2  # samples at even distances would miss what is periodic
-DUST = 512 * EPS  # of the largest entry of C: what is left of others by the rounding of terms that cancel
-COLUMNS_ALONE = 8  # columns of a contact up to which each entry of C is a coefficient; above, as many random combinations are
+IRREGULAR = (5**0.5 - 1) / 2  # place of the other parameters in their ranges: regular places would miss a periodic dependence
+DUST = 512 * EPS  # share of the largest entry of C: smaller entries are the rounding of terms that cancel
+COLUMNS_ALONE = 8  # up to this many columns of a contact each entry of C is checked; above, this many random combinations
 
 
 @dataclass(frozen=True)
 class Product:
-    """θ(p) = Π f_i(p_i), a factor of an `Affine`; f None is the parameter itself."""
+    """θ(p) = Π f_i(p_i), a factor of an `Affine`. If f_i is None, it is the parameter p_i itself."""
 
     factors: Key
 
@@ -62,7 +62,7 @@ def theta_of(key: Key) -> Theta:
 
 @dataclass(frozen=True)
 class _From:
-    """θ(p - p_0): the factor of a change whose parameter is p_0 now."""
+    """θ(p - p_0): the factor of a change whose parameter has the present value p_0."""
 
     factor: Callable[[Any], Any]
     start: float
@@ -79,40 +79,40 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
               ranges: Mapping[str, tuple[float, float]], changes: Mapping[str, Any] | None = None, apart: bool = False) -> Affine:
     """A model with contacts over parameters p as an `Affine`: M, D + Σ θ_S(p) W c_S Wᵀ and K + Σ θ_S(p) W c_S Wᵀ.
 
-    A parameter of `changes` adds θ(p) UᵀAU to M, D and K, see `Change`. What takes an `Affine` takes all of them then: `reduce`
-    over a `ParameterBox`, `scatter`, `stability_map`, `critical_value`, `track`.
+    A parameter of `changes` adds θ(p) UᵀAU to M, D and K, see `Change`. The result can be used wherever an `Affine` is accepted:
+    `reduce` over a `ParameterBox`, `scatter`, `stability_map`, `critical_value`, `track`.
 
     Parameters
     ----------
     model : Substructure or Affine
-        An `Affine`, which takes no contacts and must have these parameters, is returned as it is.
+        An `Affine` must have exactly these parameters, accepts no contacts or changes, and is returned as it is.
     contacts : contact or sequence of contacts
-        Each parameter changes in all that have it. Those that have none stay as they are.
+        A parameter changes in all contacts that have it. Contacts without any of the parameters stay as they are.
     parameters : sequence of str
         Fields of the contacts, and names in `changes`.
     ranges : mapping of str to (lo, hi)
-        The range of each parameter. The contacts are asked at a few values in it, and samples check there what they declare.
+        The range of each parameter. The contacts' matrices are computed at a few values in it, which also check the declarations.
     changes : mapping of str to a change, or a sequence of them, optional
-        Parameters that are no fields of contacts, each by what it changes: a constant of a material (`MaterialChange`), a mass,
+        Parameters that are not fields of contacts, each with its changes: a constant of a material (`MaterialChange`), a mass,
         a spring or a dashpot (`AddedMass`, ...), a joint (`JointChange`). The value of the parameter is the constant itself,
-        such as E in Pa, or the total that is added. Amounts of the changes do not count. The basis of a reduced model stays.
+        such as E in Pa, or the total that is added. The amounts of the changes are ignored. A reduced model keeps its basis.
     apart : bool
-        Whether D and K of the model stay as they are, beside one more matrix each of what does not depend on the parameters. Of a
-        large model their sums take as much memory again.
+        Whether the constant terms of the changing contacts are matrices of their own, beside D and K of the model. For a large
+        model their sum would take as much memory as D and K.
 
     Returns
     -------
     Affine
         Its factors are products of parameters, or of the functions of them that contacts declare. Terms with the same factor are
-        one matrix. What does not depend on the parameters is one matrix as well. A parameter without effect has a matrix of zeros
-        in K. The cut-off is that of the model.
+        summed to one matrix, and so are the constant terms, unless `apart`. A parameter without effect has a matrix of zeros in
+        K. The cut-off is the model's.
 
     Raises
     ------
     InputError, InputTypeError
-        A parameter that no contact has, or in which one is not declared to be affine; a declaration that samples contradict; a
-        range without lo < hi, or with values that a constant cannot have; structural damping; changes of one parameter that
-        start from different values.
+        A parameter that no contact has, or that a contact has without declaring itself affine in it; a declaration that samples
+        contradict; a range without lo < hi, or with values that a constant cannot have; structural damping; changes of one
+        parameter that start from different values.
 
     Examples
     --------
@@ -170,14 +170,14 @@ def family_of(model: Substructure | Affine, contacts: Contacts, parameters: Sequ
             for matrix, theta, A in _changing(model, name, several, box[name]):
                 into = sums["MDK".index(matrix)]
                 into[theta] = into[theta] + A if theta in into else as_matrix(matrix, A)
-        # no `Affine` anew: what is constant may have no stiffness left
+        # not by the constructor, whose check of the order of D and K fails if the constant terms have no stiffness left
         family = family._with(**{name: tuple(terms.items()) for name, terms in zip("MDK", sums, strict=True)})
     without = [(name, constant.K - constant.K) for name in names if name not in family.parameters]
     return family._with(K=(*family.K, *without)).below(model.cutoff)
 
 
 def _changing(model: Substructure, name: str, several: Any, between: tuple[float, float]) -> Iterator[tuple[str, Theta, Matrix]]:
-    """Of each term of the changes of a parameter: the matrix it belongs to, its factor and UᵀAU."""
+    """Yields the name of the matrix, the factor θ and UᵀAU for each term of the changes of a parameter."""
     given = as_changes(f"the changes of {name}", several if isinstance(several, (list, tuple)) else [several])
     if not given:
         raise InputError(f"the parameter {name} has no changes")
@@ -195,7 +195,7 @@ def _changing(model: Substructure, name: str, several: Any, between: tuple[float
             if matrix != "D":
                 whole = (whole + whole.T) / 2
             jets = [factor(Jet.of(p - start, 0, 1)) for p in (*between, start)]
-            if not any(jet.second.any() for jet in jets):  # as of E and ρ: the parameter itself is the factor
+            if not any(jet.second.any() for jet in jets):  # θ is linear, as for E and ρ: the parameter itself is the factor
                 slope = float(jets[-1].first[0])
                 yield matrix, name, slope * whole
                 if start:
@@ -206,9 +206,9 @@ def _changing(model: Substructure, name: str, several: Any, between: tuple[float
 
 def check_affine(owner: str, parameter: str, functions: Sequence[Function], at: Callable[[float], tuple[Array, ...]],
                  between: tuple[float, float]) -> None:
-    """An error if coefficients contradict the declaration that they are affine in functions of the parameter.
+    """Raises an error if coefficients are not affine in these functions of the parameter, as `owner` declares.
 
-    `at` gives them at one value, in blocks of one unit each.
+    `at(p)` returns the coefficients at the value p, in blocks; all coefficients of a block have the same unit.
     """
     lo, hi = between
     places = [lo + share * (hi - lo) for share in SAMPLES]
@@ -230,7 +230,7 @@ def check_affine(owner: str, parameter: str, functions: Sequence[Function], at: 
 
 
 def coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
-    """The entries of C_D and of C_K; of large ones random combinations xᵀCy."""
+    """The entries of C_D and of C_K; of large matrices random combinations xᵀCy."""
     columns = W.shape[1]
     if columns <= COLUMNS_ALONE:
         return tuple(C * np.eye(columns) if isinstance(C, float) else C.toarray() if sp.issparse(C) else C for C in terms)
@@ -239,7 +239,7 @@ def coefficients(W: Matrix, *terms: float | Matrix) -> tuple[Array, ...]:
 
 
 def _nodes(functions: Sequence[Function]) -> list[int]:
-    """As many of `SAMPLES` as there are coefficients: the constant, and one of each function."""
+    """Indices of as many `SAMPLES` as there are coefficients: one for the constant, and one for each function."""
     if len(functions) + 1 >= len(SAMPLES):
         raise InputError(f"a field may have at most {len(SAMPLES) - 2} functions in `affine_through`, not {len(functions)}")
     return [round(at) for at in np.linspace(0, len(SAMPLES) - 1, len(functions) + 1)]
@@ -257,7 +257,7 @@ def _basis(owner: str, parameter: str, functions: Sequence[Function], places: Se
 
 
 def _terms_of(model: Substructure, contact: Any, box: Mapping[str, tuple[float, float]]) -> list[dict[Key, Matrix]]:
-    """W c_S Wᵀ of all products S, for C_D and for C_K."""
+    """W c_S Wᵀ for all products S, for C_D and for C_K."""
     owner = type(contact).__name__
     middle = replace(contact, **{name: (lo + hi) / 2 for name, (lo, hi) in box.items()})
     functions = {name: affine_functions(middle, name) for name in box}
@@ -270,7 +270,7 @@ def _terms_of(model: Substructure, contact: Any, box: Mapping[str, tuple[float, 
         check_affine(owner, name, declared, lambda p, name=name: coefficients(  # type: ignore[misc]
             *small_matrices(model, replace(contact, **{**inside, name: p}))), box[name])
 
-    # the matrices at all corners, of which a product has the same place as its row in `keys`
+    # The matrices at all corners. `keys`, the columns of `basis` and the corners are in the order of the same product.
     places = {name: [lo + SAMPLES[at] * (hi - lo) for at in _nodes(functions[name])] for name, (lo, hi) in box.items()}
     keys: list[Key] = [tuple(factor for factor in row if factor is not None)
                        for row in product(*([None, *((name, function) for function in functions[name])] for name in box))]
@@ -292,7 +292,7 @@ def _terms_of(model: Substructure, contact: Any, box: Mapping[str, tuple[float, 
 
 
 def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[int, Matrix]:
-    """c_S of C = Σ_S basis[corner, S] c_S at all corners, sparse, shape (size, size), without what is rounding."""
+    """c_S (size, size), sparse, from C = Σ_S basis[corner, S] c_S at all corners; entries that are rounding are left out."""
     found = [sp.coo_array(sp.csr_array(C * sp.eye_array(size) if isinstance(C, float) else C)) for C in values]
     places = [one.row.astype(np.int64) * size + one.col for one in found]
     used = places[0] if all(np.array_equal(places[0], one) for one in places) else np.unique(np.concatenate(places))
@@ -302,12 +302,12 @@ def _fitted(basis: Array, values: Sequence[float | Matrix], size: int) -> dict[i
     inverse = np.linalg.inv(basis)
 
     def times(A: Array, rows: Array) -> Array:
-        """A @ rows, which BLAS rounds by the place of a column: it would make what is symmetric unsymmetric."""
+        """A @ rows. BLAS rounds columns differently, depending on their place, so symmetric matrices would become unsymmetric."""
         return np.array([sum((a * row for a, row in zip(weights, rows, strict=True)), np.zeros(len(used))) for weights in A])
 
     c = times(inverse, C - C[0])  # an entry that does not change has no other terms
     c[0] += C[0]
-    for _ in range(3):  # over a narrow range the inverse has few digits, and each turn adds as many
+    for _ in range(3):  # over a narrow range the inverse has few digits, and each correction adds as many
         c += times(inverse, C - times(basis, c))
     acting = np.abs(c) * np.abs(basis).max(axis=0)[:, None]
     c[acting <= DUST * np.abs(C).max(axis=0)] = 0.0

@@ -1,4 +1,4 @@
-"""Whether each part on which friction acts is held: steady sliding needs supports or springs, not the contact alone."""
+"""Checks that each part on which friction acts is held: steady sliding needs supports or springs, not the contact alone."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 
 
 def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") -> None:
-    """An error if friction pushes a rigid motion of a part that nothing but the contact holds.
+    """Raises an error if friction drives a rigid motion of a part that only the contact holds.
 
-    It is for contacts that say what they hold and push (`FrictionContact.sliding`). The rigid motion is what the model carries,
-    or what the places of the DOF say of a full part. Where it is not known, nothing is refused. A disc that is free to turn under
-    pads goes on turning, and is not refused.
+    The check covers contacts with `sliding`, such as `FrictionContact`. The rigid motion is the one that the model carries, or
+    else the one that follows from the places of a full part's DOF. If it is not known, nothing is refused. A disc that is free to
+    turn under pads keeps turning, so it is not refused.
 
     Raises
     ------
     InputError
-        Such a motion, by its part.
+        There is such a motion. The message names the part.
     """
     given: tuple[Any, ...] = contacts_of(contacts)
     rubbing = [(contact, terms) for contact in given if hasattr(contact, "sliding") for terms in [contact.sliding(model)]
@@ -43,8 +43,8 @@ def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") 
         for name, begin, end in zip(contact.sets, ends[:-1], ends[1:], strict=True):
             moved[name] = (W.T @ free)[begin:end]
     name = max(moved, key=lambda one: float(np.abs(moved[one]).max(initial=0.0)))
-    # what the set does that is driven away, in words; motions of other parts leave it at rest. They are as exact as the places of
-    # the DOF that they follow from
+    # The motion of the set that moves most, in words; motions of other parts leave it at rest. The motions are as exact as the
+    # places of the DOF, from which they are computed.
     U, size, _ = np.linalg.svd(moved[name], full_matrices=False)
     u = U[:, size > POSITION * size[0]]
     against = f"{u.shape[1]} rigid motions"
@@ -60,7 +60,7 @@ def check_held(model: Substructure, contacts: Contacts, noun: str = "the part") 
 
 
 def floating(model: Substructure, contacts: Contacts) -> RigidMotion | None:
-    """The rigid motion with K z = 0 under contacts, whether or not friction drives it (zᵀK ≠ 0); None where it is not known."""
+    """The rigid motion with K z = 0 under contacts, whether or not friction drives it (zᵀK ≠ 0); None if it is not known."""
     motion = found(model.rigid_motion, by_places) or by_places(model)
     unit = energy_units(model)
     for contact in contacts_of(contacts):

@@ -1,4 +1,4 @@
-"""`Inertia`: the forces that a rigid acceleration exerts on a model, and the mass that is accelerated."""
+"""`Inertia`: the inertia forces of rigid accelerations on a model, and its rigid mass matrix."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from femsub.model.dof_map import DofMap
 
 @dataclass(frozen=True, eq=False)
 class Supported(Frozen):
-    """The DOF that supports hold, which are in no matrix of a model: M_fh (n, h), M_hh (h, h), and their map."""
+    """The DOF held by supports, which are not in the model's matrices: their mass M_fh (n, h), M_hh (h, h), and their DOF map."""
 
     coupling: Matrix
     mass: Matrix
@@ -28,19 +28,19 @@ class Supported(Frozen):
 class Inertia:
     """P (n, 6) and W (6, 6) of rigid accelerations along x, y, z and about these axes through the origin of coordinates.
 
-    P = M_ff R_f + M_fh R_h,   W = RᵀMR over all DOF, with R of `DofMap.rigid`, f the model's DOF, h those that supports hold.
+    P = M_ff R_f + M_fh R_h,   W = RᵀMR over all DOF, with R of `DofMap.rigid`, f the model's DOF, h the DOF held by supports.
 
-    A motion u relative to supports that are accelerated by a has M ü + D u̇ + K u = -P a. In the coordinates of a basis, u = V q,
-    the forces are VᵀP, and W stays.
+    If the supports have the acceleration a, the motion u relative to them fulfils M ü + D u̇ + K u = -P a. In the coordinates of
+    a basis, u = V q, the forces are VᵀP, and W is the same.
     """
 
     forces: Array
     mass: Array
-    belong: Matrix | None = None  # the M of the reduced model that it was made for
+    belong: Matrix | None = None  # M of the reduced model that this inertia is valid for
 
     @classmethod
     def of(cls, R: Array, P: Array, supported: Supported | None) -> Inertia:
-        """That of a full part, of its rigid motions R (n, 6) and P = MR."""
+        """The inertia of a full part with rigid motions R (n, 6) and P = MR, including the mass of supported DOF."""
         W = R.T @ P
         if supported is not None:
             H = supported.dofs.rigid(np.zeros(3))
@@ -51,7 +51,7 @@ class Inertia:
 
     @property
     def acting(self) -> Array:
-        """The directions of the six in which there is any mass."""
+        """Indices of the rigid accelerations that accelerate any mass."""
         mass = self.mass.diagonal()
         return np.flatnonzero(mass > EPS * mass.max(initial=0.0))
 
@@ -60,7 +60,7 @@ class Inertia:
         return Inertia(np.asarray(V.T @ self.forces), self.mass)
 
     def belonging(self, M: Matrix) -> Inertia | None:
-        """The same for this M of a reduced model; None if it was made for another one."""
+        """The same, valid for this M of a reduced model; None if it was made for another M."""
         return replace(self, belong=M) if self.belong is None or same(self.belong, M) else None
 
     def about(self, origin: Array) -> Inertia:
@@ -76,7 +76,7 @@ class Inertia:
 
     @classmethod
     def of_record(cls, record: dict[str, Any], size: int) -> Inertia:
-        """A KeyError, TypeError or ValueError says that the record is damaged."""
+        """The inertia from its `record`. A KeyError, TypeError or ValueError means that the record is damaged."""
         found = cls(np.array(record["forces"], dtype=float).reshape(size, 6), np.array(record["mass"], dtype=float).reshape(6, 6))
         if not (np.isfinite(found.forces).all() and np.isfinite(found.mass).all()):
             raise ValueError

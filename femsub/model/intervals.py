@@ -1,8 +1,8 @@
 """`Interval`: all values between two bounds, for functions of parameters over a whole range. Every bound is rounded outwards.
 
-A function of Python arithmetic and NumPy's functions takes an `Interval` in place of a number, and returns one that contains all
-of its values. It is as wide as the function's range where each variable stands once: x - x is not 0. Pieces of the range are
-narrower, so lo and hi may be arrays, one entry per piece.
+A function of Python arithmetic and NumPy's functions accepts an `Interval` in place of a number, and returns one that contains
+all of its values. The result is the exact range only if each variable occurs once: x - x is not 0. Bounds over small pieces of
+the range are tighter, so lo and hi may be arrays, one entry per piece.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ CLOSEST = 4  # units in the last place by which NumPy's vectorised functions may
 
 @dataclass(frozen=True, eq=False)
 class Interval:
-    """All numbers x with lo ≤ x ≤ hi; of arrays entry by entry.
+    """All numbers x with lo ≤ x ≤ hi; for arrays entry by entry.
 
-    It takes + - * / ** and abs among intervals and numbers, and NumPy's functions in `RISING` and `UFUNCS`. All else is a
-    TypeError: comparisons, which a branch of a function needs, `float`, and the functions of `math`.
+    It supports + - * / ** and abs among intervals and numbers, and NumPy's functions in `RISING` and `UFUNCS`. Anything else is a
+    TypeError: comparisons, as in branches of a function, `float`, and the functions of `math`.
 
     Raises
     ------
     ZeroDivisionError
         There is a pole between the bounds: a division by 0, log(0), tan(π/2).
     ArithmeticError
-        The root, the logarithm or the broken power of a negative number.
+        The root, the logarithm or a fractional power of a negative number.
 
     Notes
     -----
@@ -92,7 +92,7 @@ class Interval:
             return 1.0 / self ** -exponent
         whole = float(exponent).is_integer()
         if not whole and np.any(np.less(self.lo, 0)):
-            raise ArithmeticError("a broken power of a negative number")
+            raise ArithmeticError("a fractional power of a negative number")
         return _rising(lambda x: np.power(x, float(exponent)), abs(self) if whole and exponent % 2 == 0 else self)
 
     def __rpow__(self, base: Any) -> Interval:
@@ -110,21 +110,21 @@ class Interval:
 
 
 def _outwards(ends: Array, units: int) -> Interval:
-    """From the smallest to the largest value, moved outwards by so many units in the last place, but not past 0.
+    """From the smallest to the largest value, each moved outwards by `units` in the last place, but not past 0.
 
-    A bound that is no number, as of 0 · inf, is infinite.
+    A bound that is NaN, such as 0 · inf, becomes infinite.
     """
     lo, hi = ends.min(axis=0), ends.max(axis=0)
     with np.errstate(invalid="ignore", over="ignore"):
         below, above = lo - units * np.spacing(np.abs(lo)), hi + units * np.spacing(np.abs(hi))
-    negative = np.signbit(ends)  # -0.0 as well, which a negative product of small numbers is
+    negative = np.signbit(ends)  # True for -0.0, to which a negative product of small numbers underflows
     below = np.where(negative.any(axis=0), below, np.maximum(below, 0.0))
     above = np.where(negative.all(axis=0), np.minimum(above, 0.0), above)
     return Interval(np.where(np.isnan(below), -np.inf, below), np.where(np.isnan(above), np.inf, above))
 
 
 def _combined(operation: np.ufunc, one: Any, other: Any) -> Any:
-    """The range of a sum, difference, product or quotient, which is that of its values at the ends."""
+    """The range of a sum, difference, product or quotient, from its values at the ends of both intervals."""
     pairs = [(x.lo, x.hi) if isinstance(x, Interval) else (float(x), float(x)) for x in (one, other)
              if isinstance(x, (Interval, Real))]
     if len(pairs) < 2:
@@ -137,7 +137,7 @@ def _combined(operation: np.ufunc, one: Any, other: Any) -> Any:
 
 
 def _rising(function: Callable[[Any], Any], x: Interval) -> Interval:
-    """The range of a function that never falls."""
+    """The range of a non-decreasing function."""
     try:
         with np.errstate(divide="raise", invalid="raise", over="ignore", under="ignore"):
             ends = np.array([function(x.lo), function(x.hi)])
@@ -147,7 +147,7 @@ def _rising(function: Callable[[Any], Any], x: Interval) -> Interval:
 
 
 def _holds(x: Interval, place: float, period: float) -> Array:
-    """Whether one of place + k · period is within the bounds, or so close that rounding hides it."""
+    """Whether place + k · period is within the bounds for some integer k, or so close to them that rounding may hide it."""
     near = CLOSEST * EPS * (1 + np.maximum(np.abs(x.lo), np.abs(x.hi)) / period)
     return np.asarray(np.floor((x.hi - place) / period + near) >= np.ceil((x.lo - place) / period - near))
 
@@ -172,10 +172,10 @@ def _tan(x: Interval) -> Interval:
     return _rising(np.tan, x)
 
 
-#: NumPy's functions that never fall where they are defined.
+#: NumPy's functions that are non-decreasing where they are defined.
 RISING = {np.sqrt, np.cbrt, np.exp, np.expm1, np.log2, np.log10, np.log1p, np.sinh, np.tanh, np.arcsinh, np.arcsin,
           np.arctan, np.sign}
-#: Operations and the other functions, by what NumPy calls for them, as where a NumPy number stands on the left.
+#: The other functions, and the operators, which NumPy calls as ufuncs if its number is the left operand.
 UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul, np.divide: operator.truediv,
     np.power: operator.pow, np.negative: operator.neg, np.positive: operator.pos, np.absolute: abs, np.fabs: abs,
@@ -185,11 +185,11 @@ UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
 
 def range_of(function: Callable[..., Any], box: Mapping[str, tuple[float, float]], value: Callable[[dict[str, float]], Any],
              pieces: int = 64, samples: int = 256) -> tuple[float, float, bool]:
-    """(lo, hi, proved): the bounds of a function for all values of its arguments in the box; `value` gives one of it.
+    """(lo, hi, proved): bounds of a function for all arguments in the box; `value` returns the function at one point.
 
-    Proved: by interval arithmetic on about so many pieces of the box; infinite if one of them may hold a pole. If the function
-    takes no `Interval`, about so many samples at Chebyshev's places are taken. Their bounds are widened by the largest distance
-    of a sample from the chord of its neighbours, which is four times what a smooth function exceeds its samples by.
+    Bounds by interval arithmetic on about `pieces` pieces of the box are proved. They are infinite if a piece may contain a pole.
+    A function that accepts no `Interval` is sampled at about `samples` Chebyshev points. The bounds of the samples are widened by
+    the largest distance of a sample from the chord of its neighbours. A smooth function exceeds its samples by a quarter of this.
     """
     sides = len(box)
     each = max(round(pieces ** (1 / sides)), 1)
@@ -198,12 +198,12 @@ def range_of(function: Callable[..., Any], box: Mapping[str, tuple[float, float]
     lows, highs = ([np.take(edge, rows, axis=side) for side, edge in enumerate(edges)]
                    for rows in (np.arange(each), np.arange(1, each + 1)))
     whole = {name: Interval(lo, hi) for name, lo, hi in zip(box, lows, highs, strict=True)}
-    with suppress(Exception):  # a user's function may raise anything where it gets no number; what it raises for one is reported
+    with suppress(Exception):  # a user's function may raise anything for an `Interval`; its errors for numbers are reported
         try:
             found = function(**whole)
         except ZeroDivisionError:
             return -np.inf, np.inf, True
-        if isinstance(found, Interval):  # else it asked what the argument is
+        if isinstance(found, Interval):  # otherwise the function tested the type of its argument
             return float(np.min(found.lo)), float(np.max(found.hi)), True
     each = max(round(samples ** (1 / sides)), 3)
     places = [(lo + hi) / 2 - (hi - lo) / 2 * np.cos(np.linspace(0.0, np.pi, each)) for lo, hi in box.values()]

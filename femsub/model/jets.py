@@ -1,6 +1,6 @@
-"""`Jet`: a number with its first and second derivatives in several parameters, for functions of parameters. No differences.
+"""`Jet`: a number with its first and second derivatives in several parameters, computed without finite differences.
 
-A function of Python arithmetic and NumPy's functions takes a `Jet` in place of a number, as it takes an `Interval`.
+A function of Python arithmetic and NumPy's functions accepts a `Jet` in place of a number, as it accepts an `Interval`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from femsub.checks import EPS, Array
 class Jet:
     """f, ∂f/∂p_i and ∂²f/∂p_i∂p_j of q parameters: a float and arrays (q,) and (q, q).
 
-    It takes + - * / ** and abs among jets and numbers, NumPy's functions in `UFUNCS`, and comparisons, which ask the value. All
-    else is a TypeError: `float`, and the functions of `math`.
+    It supports + - * / ** and abs among jets and numbers, NumPy's functions in `UFUNCS` and `CURVES`, and comparisons of the
+    value. Anything else is a TypeError: `float`, and the functions of `math`.
     """
 
     value: float
@@ -32,11 +32,11 @@ class Jet:
 
     @classmethod
     def of(cls, value: float, at: int, count: int) -> Jet:
-        """The parameter `at` itself, of so many."""
+        """The jet of the parameter with the index `at` among `count` parameters."""
         return cls(float(value), np.eye(count)[at], np.zeros((count, count)))
 
     def through(self, value: float, slope: float, curve: float) -> Jet:
-        """The jet of g(f), with g and its two derivatives at f."""
+        """The jet of g(f) from the value, the slope g' and the second derivative g'' of g at f."""
         return Jet(float(value), slope * self.first, slope * self.second + curve * np.outer(self.first, self.first))
 
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *given: Any, **options: Any) -> Any:
@@ -93,7 +93,7 @@ class Jet:
         if not isinstance(exponent, Real):
             return NotImplemented
         n, x = float(exponent), np.float64(self.value)
-        with np.errstate(all="ignore"):  # as a pole or the slope of a root at 0, which is infinite
+        with np.errstate(all="ignore"):  # a pole, and the slope of a root at 0, are infinite
             return self.through(float(x**n), float(n * x ** (n - 1)) if n else 0.0,
                                 float(n * (n - 1) * x ** (n - 2)) if n * (n - 1) else 0.0)
 
@@ -120,7 +120,7 @@ def _value(x: Any) -> Any:
     return x.value if isinstance(x, Jet) else x
 
 
-#: NumPy's functions of one number, each with its first and second derivative.
+#: NumPy's functions of one number: the value with the first and second derivative.
 CURVES: dict[np.ufunc, Callable[[Any], tuple[Any, Any, Any]]] = {
     np.exp: lambda x: (np.exp(x),) * 3, np.expm1: lambda x: (np.expm1(x), np.exp(x), np.exp(x)),
     np.log: lambda x: (np.log(x), 1 / x, -1 / x**2), np.log1p: lambda x: (np.log1p(x), 1 / (1 + x), -1 / (1 + x) ** 2),
@@ -130,7 +130,7 @@ CURVES: dict[np.ufunc, Callable[[Any], tuple[Any, Any, Any]]] = {
     np.tanh: lambda x: (np.tanh(x), np.cosh(x) ** -2, -2 * np.tanh(x) * np.cosh(x) ** -2),
     np.sign: lambda x: (np.sign(x), *((0.0, 0.0) if x else (np.nan, np.nan))),
     np.arctan: lambda x: (np.arctan(x), 1 / (1 + x**2), -2 * x / (1 + x**2) ** 2)}
-#: Operations by what NumPy calls for them, as where a NumPy number stands on the left.
+#: The operators and other functions: NumPy calls operators as ufuncs if its number is the left operand.
 UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
     np.add: operator.add, np.subtract: operator.sub, np.multiply: operator.mul, np.divide: operator.truediv,
     np.power: operator.pow, np.negative: operator.neg, np.positive: operator.pos, np.absolute: abs, np.fabs: abs,
@@ -139,19 +139,19 @@ UFUNCS: dict[np.ufunc, Callable[..., Any]] = {
 
 
 def jet_of(function: Callable[..., Any], values: Mapping[str, float], places: Mapping[str, int], count: int) -> Jet:
-    """The jet of a function of named parameters at their values; `places` are theirs among all `count` of them.
+    """The jet of a function of named parameters at `values`; `places` are the indices of the parameters among all `count`.
 
-    A function that takes no `Jet`, such as one of `math` or a table, is differentiated by central differences of the fourth
-    order along each of its parameters. Those of the second derivative have about half of the digits.
+    A function that accepts no `Jet`, such as one of `math` or a table, is differentiated by central differences of the fourth
+    order along each of its parameters. The second derivatives then have about half of the digits.
     """
     seeds = {name: Jet.of(values[name], places[name], count) for name in values}
     try:
         found = function(**seeds)
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # it takes plain numbers alone
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):  # the function accepts plain numbers only
         found = None
     if isinstance(found, Jet):
         return found
-    if isinstance(found, Real):  # it does not depend on them
+    if isinstance(found, Real):  # the function does not depend on its parameters
         return Jet(float(found), np.zeros(count), np.zeros((count, count)))
     names = list(values)
     step = {name: EPS**0.2 * (abs(values[name]) or 1.0) for name in names}

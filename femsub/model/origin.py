@@ -1,4 +1,4 @@
-"""`Origin`: what a reduced model was made of, and what the reductions before its last one have left out."""
+"""`Origin`: the full model behind a reduced model, and a bound on the modes left out by all reductions but the last."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from femsub.checks import Array, Matrix
 
 @dataclass(frozen=True, eq=False)
 class Origin:
-    """Where the coordinates q (r,) of a reduced model come from. `reduce` makes it; `frequency_bounds` needs it.
+    """The origin of the coordinates q (r,) of a reduced model. `reduce` creates it; `frequency_bounds` needs it.
 
     Attributes
     ----------
@@ -22,17 +22,17 @@ class Origin:
     dofs : int
         DOF of the full model, before all reductions.
     cutoff : float
-        No mode that the last reduction left out lies below. Earlier ones may have left out lower ones.
+        All modes that the last reduction left out are above. Earlier reductions may have left out lower modes.
     left_out : float
-        The largest 1/ω² of all that the earlier reductions have left out, or more.
+        An upper bound of 1/ω² over all modes that the earlier reductions have left out.
     coupling : ndarray, shape (r, r), optional
-        W: qᵀWq is at least the square of what couples q to that, in units of its stiffness. None where nothing was left out.
+        W: qᵀWq bounds the squared inertia coupling of q with these modes, in units of their stiffness. None if none was left out.
     unbounded : str
-        Why nothing is known of it, where that is so.
+        Why no such bound is known; '' if there is one.
     premises : tuple of str
-        What must hold of parts whose origin is not known.
+        Assumptions about parts whose origin is not known.
     belong : (M, K), optional
-        The matrices of the reduced model that it was made for.
+        The matrices of the reduced model that this origin is valid for.
     """
 
     size: int
@@ -45,7 +45,7 @@ class Origin:
     belong: tuple[Matrix, Matrix] | None = None
 
     def belonging(self, M: Matrix, K: Matrix, same: Callable[[Matrix, Matrix], bool]) -> Origin | None:
-        """The origin of a model with these matrices: of others nothing is known. None where one step of reduction was all."""
+        """The origin, valid for these matrices. If they are not `belong`, no bound is known: None after a single reduction."""
         before = self.belong or (M, K)
         if same(before[0], M) and same(before[1], K):
             return replace(self, belong=(M, K))
@@ -55,14 +55,14 @@ class Origin:
                        "its matrices are not those that reduce made")
 
     def record(self) -> dict[str, Any]:
-        """For JSON; `of_record` reads it."""
+        """The origin as numbers and lists, for JSON; `of_record` reads it."""
         return {"size": self.size, "dofs": self.dofs, "cutoff": None if np.isinf(self.cutoff) else self.cutoff,
                 "left_out": self.left_out, "coupling": None if self.coupling is None else self.coupling.tolist(),
                 "unbounded": self.unbounded, "premises": list(self.premises)}
 
     @classmethod
     def of_record(cls, record: Mapping[str, Any]) -> Origin:
-        """A KeyError, TypeError or ValueError says that the record is damaged."""
+        """The origin from its `record`. A KeyError, TypeError or ValueError means that the record is damaged."""
         size = int(record["size"])
         found = cls(size, int(record["dofs"]), np.inf if record["cutoff"] is None else float(record["cutoff"]),
                     float(record["left_out"]), None if record["coupling"] is None else

@@ -46,8 +46,8 @@ class Pencil(Frozen):
     Parameters
     ----------
     M, D, K : array_like or sparse, shape (n, n)
-        Mass, damping and stiffness in any consistent units; λ then comes in radians per unit of time.
-        ``D=None`` means no damping. If one of the three is dense, all are kept dense.
+        Mass, damping and stiffness in consistent units; λ is then in radians per unit of time. ``D=None`` means no damping. If
+        one of the three is dense, all are stored dense.
 
     Attributes
     ----------
@@ -55,16 +55,16 @@ class Pencil(Frozen):
         Whether M, D and K are exactly symmetric.
     contacts : tuple of (float or ndarray, float or ndarray, ndarray)
         (C_D, C_K, W) of the terms W C_D Wᵀ and W C_K Wᵀ that `with_contact` has added to D and K; a number c stands for c times
-        the unit matrix. Rounding hides their low rank in D and K themselves.
+        the unit matrix. They are kept because rounding hides their low rank in D and K.
     K0 : array or sparse, shape (n, n)
         K without these contacts.
-    rigid_motion : RigidMotion, where it is found, or None
-        Rigid motion that the model brings along; without it, it is found from K and D by their rounding.
+    rigid_motion : RigidMotion, its source, or None
+        Rigid motion that the model carries. If it is None, rigid motion is found from K and D, within their rounding.
     noise : ndarray, shape (n, k)
         G: projections may have changed D by up to EPS G Gᵀ, entry by entry.
     cutoff : float
-        Of a pencil in the coordinates of a basis: above it, modes are artefacts of the reduction. inf where the basis is
-        complete, NaN where it is not known.
+        Cut-off frequency of a pencil in the coordinates of a basis: modes above it are artefacts of the reduction. inf if the
+        basis is complete, NaN if it is not known.
 
     Raises
     ------
@@ -120,7 +120,7 @@ class Pencil(Frozen):
 
     @cached_property
     def symmetric_stiffness(self) -> Matrix:
-        """The symmetric part of K without contacts; K itself where that is symmetric and no contact adds to it."""
+        """The symmetric part of K without contacts: `K0` itself if that is symmetric."""
         if is_symmetric(self.K0) if self.K0 is not self.K else self.symmetric[2]:
             return self.K0
         return self.halves[0]
@@ -151,11 +151,11 @@ class Pencil(Frozen):
                            K0=found.K if self.K0 is self.K else sp.csr_array(self.K0))
 
     def carrying(self, rigid_motion: Carried, noise: Array, cutoff: float | None = None) -> Pencil:
-        """A copy that brings along what is known of its rigid motion, of the rounding in its D, and of its cut-off."""
+        """A copy with this rigid motion, rounding in D (`noise`) and, if given, cut-off."""
         return self._with(rigid_motion=rigid_motion, noise=noise, cutoff=self.cutoff if cutoff is None else float(cutoff))
 
     def below(self, cutoff: float) -> Pencil:
-        """A copy whose modes count up to this cut-off."""
+        """A copy with this cut-off."""
         return self if cutoff == self.cutoff else self._with(cutoff=float(cutoff))
 
     def reduced(self, basis: Any, cutoff: float | None = None) -> Pencil:
@@ -164,19 +164,19 @@ class Pencil(Frozen):
         return Pencil(*(projected(A, V) for A in (self.M, self.D, self.K))).below(float(np.minimum(limit, self.cutoff)))
 
     def transposed(self) -> Pencil:
-        """λ²Mᵀ + λDᵀ + Kᵀ, whose right eigenvectors are the conjugated left ones of this pencil."""
+        """λ²Mᵀ + λDᵀ + Kᵀ. Its right eigenvectors are the conjugated left eigenvectors of this pencil."""
         return Pencil(self.M.T, self.D.T, self.K.T)
 
     def with_contact(self, damping: float | Array, W: Array, stiffness: float | Array = 0.0) -> Pencil:
         """A copy with D + W C_D Wᵀ and K + W C_K Wᵀ, W of shape (n,) or (n, p), each C a number or a matrix (p, p).
 
-        A number c stands for c times the unit matrix. What does not change is shared and not checked again. A sparse C stands
-        for a surface, with too many columns to count with: it becomes part of `K0`.
+        A number c stands for c times the unit matrix. Matrices that do not change are shared and not checked again. A sparse C
+        belongs to a surface, with too many columns for methods that use the low rank: it becomes part of `K0`.
         """
         return self.with_contacts([(W, damping, stiffness)])
 
     def with_contacts(self, terms: Sequence[tuple[Matrix, float | Matrix, float | Matrix]]) -> Pencil:
-        """A copy with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ of (W, C_D, C_K), see `with_contact`: the sums are checked once."""
+        """A copy with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ for terms (W, C_D, C_K): see `with_contact`. Sums are checked once."""
         terms = [(W, damping, stiffness) for W, damping, stiffness in terms if _any(damping) or _any(stiffness)]
         if not terms:
             return self
@@ -205,13 +205,13 @@ class Pencil(Frozen):
         return self._damped(*self._with_more("D", extra))._with(noise=self.noise)
 
     def _with_more(self, name: str, extra: Matrix) -> tuple[Matrix, bool]:
-        """D or K with what is added, checked, and whether the sum is symmetric."""
+        """D or K plus `extra`, checked, and whether the sum is symmetric."""
         part = getattr(self, name)
         if not (self.is_sparse and self.symmetric["MDK".index(name)]):
             return without_rounding(as_matrix(name, self._plus(part, extra), self.size))
         more = sp.csr_array(extra)
         more.sum_duplicates()
-        more = sp.csr_array((more.data, more.indices, more.indptr), shape=more.shape)  # with short indices, as the others have
+        more = sp.csr_array((more.data, more.indices, more.indptr), shape=more.shape)  # with 32-bit indices, like M, D and K
         more, symmetric = without_rounding(more, part)
         return as_matrix(name, weighted([(1.0, part), (1.0, more)]), self.size), symmetric
 
@@ -230,15 +230,15 @@ class Pencil(Frozen):
 
     @cached_property
     def units(self) -> tuple[Array, Array]:
-        """Scales r and c, (n,) each, powers of two, such that the DOF of diag(r) P(λ) diag(c) are of similar size.
+        """Scales r and c, (n,) each, powers of two, with which all DOF of diag(r) P(λ) diag(c) have entries of similar size.
 
-        They follow from the stiffness of each DOF. If a DOF has none, or far less than couples it to others where K is
-        unsymmetric, they come from `equilibration` of |K| + ω|D| + ω²|M| with a typical ω. r = c unless M is unsymmetric.
+        They follow from the diagonal of K. They come from `equilibration` of |K| + ω|D| + ω²|M| with a typical ω if a diagonal
+        entry is 0, or if K is unsymmetric with much larger entries beside the diagonal. r = c unless M is unsymmetric.
         """
         stiffness = np.abs(diagonal(self.K))
         if self.symmetric[0] and stiffness.all():
             r = c = 2.0 ** np.rint(-np.log2(stiffness) / 2)
-            # of an unsymmetric K the diagonal, which is about 1 now, shows the units if no entry is much larger
+            # the diagonal of an unsymmetric K, about 1 after scaling, shows the units only if no entry is much larger
             if self.symmetric[2] or without_signs(scaled(self.K, r, c)).max() <= SPREAD**0.5:
                 return r, c
         mass = np.abs(diagonal(self.M))
@@ -252,13 +252,13 @@ class Pencil(Frozen):
     def alike(self) -> Pencil:
         """The scaled pencil diag(r) P(λ) diag(c) with the `units` r and c: same λ, shapes x / c and y / r.
 
-        This is the pencil itself if the scales of its DOF differ by less than a factor of 16. Krylov vectors are orthonormal
+        The pencil itself is returned if the scales of its DOF differ by less than a factor of 16. Krylov vectors are orthonormal
         in the units of the DOF: scales that differ by 2ᵏ enlarge rounding errors by about 4ᵏ.
         """
         if all(unit.max() <= SPREAD * unit.min() for unit in self.units):
             return self
         rows, columns = self.units
-        # shared by all pencils with these M and K, since factors are looked up by the matrix
+        # all pencils with these M and K share the scaled matrices, since factors are looked up by the matrix object
         mass, stiffness = shared((self.M, self.K), ("scaled", rows.tobytes(), columns.tobytes()),
                                  lambda: (scaled(self.M, rows, columns), scaled(self.K, rows, columns)))
         parts = {"M": mass, "D": scaled(self.D, rows, columns), "K": stiffness, "noise": rows[:, None] * self.noise,
@@ -266,11 +266,11 @@ class Pencil(Frozen):
         if np.array_equal(rows, columns):
             return self._with(**parts, contacts=tuple((*C, rows[:, None] * W) for *C, W in self.contacts),
                               K0=stiffness if self.K0 is self.K else scaled(self.K0, rows, columns))
-        # no congruence: D and K may lose their symmetry
+        # not a congruence: D and K may lose their symmetry
         return self._with(**parts, symmetric=tuple(is_symmetric(parts[name]) for name in "MDK"), contacts=(), K0=stiffness)
 
     def restored(self, X: Array, Y: Array) -> tuple[Array, Array]:
-        """Right and left shapes of this pencil from those of `alike`, of unit length: diag(c) X and diag(r) Y."""
+        """Right and left shapes of this pencil, diag(c) X and diag(r) Y of unit length, from shapes X and Y of `alike`."""
         rows, columns = self.units
         return unit_length(columns[:, None] * X), unit_length(rows[:, None] * Y)
 
@@ -284,12 +284,12 @@ class Pencil(Frozen):
         return (self.M @ shapes) * lam**2 + (self.D @ shapes) * lam + self.restoring(lam, shapes)
 
     def restoring(self, eigenvalues: Array, shapes: Array) -> Array:
-        """KX (n, k), the part of P(λ_j) x_j that does not grow with λ."""
+        """KX (n, k), the part of P(λ_j) x_j without powers of λ."""
         return times(self.K, shapes)
 
     @property
     def sizes(self) -> tuple[Matrix, Matrix, Matrix]:
-        """|M|, |D| and |K|, with all that does not grow with λ: for the rounding in products, entry by entry."""
+        """|M|, |D| and |K| for the rounding in products, entry by entry. The last includes all terms without λ."""
         return without_signs(self.M), without_signs(self.D), without_signs(self.K)
 
     def magnitude(self, eigenvalues: Array, shapes: Array) -> Array:
@@ -302,8 +302,8 @@ class Pencil(Frozen):
         """Backward errors η_j = ‖P(λ_j)x_j‖ / ((|λ_j|²‖M‖ + |λ_j|‖D‖ + ‖K‖) ‖x_j‖), shape (k,).
 
         η is the smallest relative change of the matrices that makes (λ, x) an exact eigenpair
-        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1). It depends neither on units nor on the scale of x. `residual` is R
-        if it has been computed already.
+        (Tisseur, Linear Algebra Appl. 309 (2000), Th. 1). It depends neither on units nor on the scale of x. Pass R as
+        `residual` if it has been computed already.
         """
         lam = np.abs(eigenvalues)
         mass, damping, stiffness = self.norms
@@ -313,11 +313,11 @@ class Pencil(Frozen):
 
 
 def look_at_the_order(*parts: Sequence[tuple[float, Matrix]], light: float = 0.1, many: int = 10) -> None:
-    """A warning if D and K seem to be in each other's place; `parts` are the terms of M, D and K with their factors.
+    """Warns if D and K seem to be in each other's place. `parts` are the terms of M, D and K with their factors.
 
-    By itself each DOF with mass then has ζ = d/(2√(mk)) > 1, and with the two exchanged each is lightly damped: ζ < `light`, as
-    of nearly all structures. So they are where at least so `many` DOF agree, which is no accident then. And K has no more
-    entries than D, as only the damping of a material has. Diagonals are looked at, which costs next to nothing.
+    The damping ratio ζ = d/(2√(mk)) of each DOF with mass, from the diagonals, decides. The warning is given if all have ζ > 1,
+    and all would have ζ < `light` with D and K exchanged, as in nearly all structures. At least `many` DOF must agree, which is
+    no accident. K must also have no more entries than D: in the right order, D has as many entries only if it damps a material.
     """
     if not all(parts) or _entries(parts[2]) > _entries(parts[1]):
         return
@@ -347,12 +347,12 @@ def _any(C: Any) -> bool:
 
 
 def _total(matrices: Sequence[Matrix | None]) -> Matrix:
-    """The sum of those that are not None."""
+    """The sum of the matrices that are not None."""
     return reduce(add, (A for A in matrices if A is not None))
 
 
 def contact_matrix(W: Matrix, C: float | Array | Matrix) -> Matrix:
-    """W C Wᵀ, shape (n, n); W of shape (n,) or (n, p), C a number or a matrix (p, p). Sparse unless W is full and C sparse."""
+    """W C Wᵀ, shape (n, n); W of shape (n,) or (n, p), C a number or a matrix (p, p). Sparse unless W is dense and C sparse."""
     if sp.issparse(C) and not sp.issparse(W):
         return np.asarray(W @ (C @ W.T))
     columns = sp.csr_array(W if sp.issparse(W) else np.asarray(W).reshape(len(W), -1))
@@ -366,7 +366,7 @@ def projected(A: Matrix, V: Array) -> Array:
 
 
 def basis_of(basis: Any, size: int, cutoff: float | None) -> tuple[Array, float]:
-    """V (n, r) and its cut-off, of a reduced model, or of the columns V and their `cutoff`; NaN where that is not known."""
+    """V (n, r) and its cut-off, from a reduced model, or from an array V with `cutoff`. The cut-off is NaN if it is not known."""
     model = hasattr(basis, "V") and hasattr(basis, "cutoff")
     V = real_array("V", basis.V if model else basis)
     if V.ndim != 2 or V.shape[0] != size or not V.shape[1]:

@@ -1,15 +1,15 @@
-"""What is rigid: the motions Z with K Z = 0, and D Z = 0 of some. All else asks here.
+"""Rigid motion: the motions Z with K Z = 0, some also with D Z = 0. Only this module decides which motions are rigid.
 
-Carried: in a reduced or joined model, rounding in VᵀKV and VᵀDV may look like a soft mount or a damper. So the motions are not
-looked for there. Those of a full part are found once, and a basis, a joint or a contact says what becomes of them (`Carried`).
+Carried: in a reduced or joined model, rounding in VᵀKV and VᵀDV may look like a soft mount or a damper. So rigid motions are not
+searched there. They are found once in each full part, and every basis, joint or contact changes them (`Carried`).
 
-By K itself, of full parts alone: u is the relative rounding of K's entries, EPS or more (`rounding_of`). Two ratios say what a
-motion x costs (`costs`):
+Found from K, in full parts only: u is the relative rounding of K's entries, EPS or more (`rounding_of`). Two ratios measure the
+energy and the forces of a motion x (`costs`):
 
     e = xᵀKx / |x|ᵀ|K||x|,   f = ‖SKx‖ / ‖S|K||x|‖ with S = diag(1/√k_ii).
 
-The energy e of rigid motion is the rounding of a sum of products, and so is that of a soft mount below u; but the forces of a
-soft mount add up in f, and those of rounding do not. `rigid_count` decides by both, and by the gap to the next mode.
+The energy e of rigid motion is the rounding of a sum of products. The energy of a soft mount below u is as small, but its forces
+add up in f, while forces from rounding do not. `rigid_count` decides by both ratios, and by the gap to the next mode.
 """
 
 from __future__ import annotations
@@ -47,25 +47,25 @@ if TYPE_CHECKING:
     from femsub.model.substructure import Substructure
 
 SOFT = EPS**0.5  # half of all digits: a spring, or the energy of a mode, is soft below this share of the stiffness around it
-FORCE = SOFT / 16  # f of a rigid-body mode, which rounding may have mixed with others; soft modes of as little energy have more
-BENDING = 0.8 * 3.0**-4  # ratio of ω² below that of the first modes of a guided and pinned beam; a fifth is for rounding
-MIXED = 0.1  # the same ratio where soft springs show which modes are elastic, and the share of others in a rigid motion
-WIDE = 64 * EPS, 1e-6  # energy up to which so wide a gap (ratio of ω²) puts modes with others that are rigid
-WRITTEN = 1e-4  # the gap where the energy is within the rounding of a K with fewer digits
-SUMMED = 100  # times SUMS: the rounding of an entry of VᵀKV, where 1.4e-13 was seen
-ENTRIES = 4_000_000  # numbers in a temporary
+FORCE = SOFT / 16  # largest f of a rigid-body mode, which rounding may mix with others; f of soft modes of equal energy is larger
+BENDING = 0.8 * 3.0**-4  # largest ω² ratio at a gap: below that of the first two modes of a guided and pinned beam, with a margin
+MIXED = 0.1  # largest ω² ratio at a gap if soft springs show which modes are elastic; share of elastic modes in a rigid motion
+WIDE = 64 * EPS, 1e-6  # modes with an energy up to the first number are rigid if the gap (ratio of ω²) is below the second
+WRITTEN = 1e-4  # largest ω² ratio at a gap if the energy is within the rounding of a K with fewer digits
+SUMMED = 100  # times SUMS: the rounding of an entry of VᵀKV, of which 1.4e-13 was seen
+ENTRIES = 4_000_000  # numbers in a temporary array
 
 
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
-    """The motions Z (n, r) with K Z = 0, ZᵀK = 0. The first `free` of them have D Z = 0, too; no combination of the others."""
+    """The motions Z (n, r) with K Z = 0, ZᵀK = 0. The first `free` also have D Z = 0; D damps all combinations of the others."""
 
     shapes: Array
     free: int
-    belong: tuple[Matrix, Matrix] | None = None  # D and K of the reduced part that they were made for
+    belong: tuple[Matrix, Matrix] | None = None  # D and K of the reduced part that these motions are valid for
 
     def belonging(self, M: Matrix, D: Matrix, K: Matrix) -> RigidMotion | None:
-        """The motions for these matrices; None if they were made for another K."""
+        """The motions, valid for these matrices; None if they were made for another K."""
         before = self.belong or (D, K)
         if len(self.shapes) != len(K) or not same(before[1], K):
             return None
@@ -73,14 +73,14 @@ class RigidMotion:
 
     @classmethod
     def of(cls, shapes: Array, D: Matrix | None, unit: Array, q: Array | None = None) -> RigidMotion:
-        """The motions with those first that D does not damp; `unit` (n,) scales the DOF.
+        """The motions, with the undamped ones (D Z = 0) first; `unit` (n,) scales the DOF.
 
-        Where their coordinates q (r, k) in a basis are given, shapes = V q, it is q that is returned.
+        If the coordinates q (r, k) in a basis are given, shapes = V q, the result contains the coordinates.
         """
         q = shapes if q is None else q
         if D is None or not shapes.shape[1] or not (D.nnz if sp.issparse(D) else np.any(D)):
             return cls(q, q.shape[1])
-        far = (np.abs(shapes) / unit[:, None]).max(axis=0)  # no motion is rounding beside a larger one
+        far = (np.abs(shapes) / unit[:, None]).max(axis=0)  # normalised, so that no motion is rounding beside a larger one
         turn, free = undamped(D, shapes / far, unit)
         rest = np.setdiff1d(np.arange(len(turn)), free)
         return cls(q / far @ turn[:, np.append(free, rest)], len(free))
@@ -100,16 +100,16 @@ class RigidMotion:
 
     @staticmethod
     def none(size: int) -> RigidMotion:
-        """That of a model of `size` DOF that has none."""
+        """The rigid motion of a model of `size` DOF without any: n = `size`, r = 0."""
         return RigidMotion(np.zeros((size, 0)), 0)
 
     @property
     def zeros(self) -> int:
-        """How many eigenvalues are at 0: one for each motion, two where D does not damp it."""
+        """The number of eigenvalues at 0: one for each damped motion, two for each undamped motion."""
         return self.count + self.free
 
     def mixed(self, turn: Array | None, free: Array | None) -> RigidMotion | None:
-        """Z turn, with the directions turn `free` first; None where one of the two is not known."""
+        """The motions Z turn, ordered so that the undamped ones, Z turn free, come first; None if `turn` or `free` is None."""
         if turn is None or free is None:
             return None
         if free.shape[1]:
@@ -121,11 +121,11 @@ Decide: TypeAlias = "Callable[[Substructure], RigidMotion | None]"
 
 
 class Source(ABC):
-    """Where the rigid motion of a model comes from. It is found when it is asked for."""
+    """The source of a model's rigid motion, which is computed only when it is needed."""
 
     @abstractmethod
     def found(self, decide: Decide) -> RigidMotion | None:
-        """The motion; `decide` finds that of a part that knows of none. None where rounding leaves it open."""
+        """The motion, or None if rounding leaves it open. `decide` finds the motion of a part that carries none."""
 
 
 Carried: TypeAlias = RigidMotion | Source | None
@@ -138,7 +138,7 @@ def found(carried: Carried, decide: Decide) -> RigidMotion | None:
 
 @dataclass(frozen=True, eq=False)
 class Changed(Source):
-    """That of another model, changed by one step."""
+    """The rigid motion of another model, changed by one step."""
 
     before: Carried
     step: Callable[[RigidMotion], RigidMotion | None]
@@ -146,7 +146,7 @@ class Changed(Source):
     def found(self, decide: Decide) -> RigidMotion | None:
         first: Carried = self
         steps = []
-        while isinstance(first, Changed):  # hundreds of contacts are as many steps, too many for calls within calls
+        while isinstance(first, Changed):  # not by recursion: hundreds of contacts are as many steps
             steps.append(first.step)
             first = first.before
         motion = found(first, decide)
@@ -156,13 +156,13 @@ class Changed(Source):
 
 
 def changed(carried: Carried, step: Callable[[RigidMotion], RigidMotion | None]) -> Carried:
-    """What a model carries that differs from another one by one step."""
+    """The rigid motion that a model carries if it differs by one step from a model that carries `carried`."""
     return None if carried is None else Changed(carried, step)
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """x = diag(unit) x': coordinates in other units."""
+    """A step to coordinates x' in other units, x = diag(unit) x'."""
 
     unit: Array
 
@@ -172,7 +172,7 @@ class Scaled:
 
 @dataclass(frozen=True, eq=False)
 class Restricted:
-    """x = X x' for some of the DOF, `rest`; the others do not move."""
+    """A step to coordinates x' with x = X x' for the DOF `rest`; the other DOF do not move."""
 
     X: Matrix
     rest: Array
@@ -184,7 +184,7 @@ class Restricted:
 
 @dataclass(frozen=True, eq=False)
 class Damped:
-    """Another D; `mass` (n,) scales the DOF."""
+    """A step to another D; `mass` (n,) scales the DOF."""
 
     D: Matrix
     mass: Array
@@ -195,9 +195,9 @@ class Damped:
 
 @dataclass(frozen=True, eq=False)
 class Touched:
-    """W C_D Wᵀ added to D and W C_K Wᵀ to K: what the contact holds is no rigid motion, and what it brakes is not free.
+    """A step that adds W C_D Wᵀ to D and W C_K Wᵀ to K. Motions that C_K resists are not rigid, and C_D damps others.
 
-    Without `left` a motion that friction drives counts as well: K z = 0, but zᵀK ≠ 0.
+    With `left`, rigid motions must fulfil K z = 0 and zᵀK = 0. Otherwise K z = 0 suffices, also if friction drives them.
     """
 
     damping: Any
@@ -212,7 +212,7 @@ class Touched:
         at = self.W.T @ motion.shapes  # the motion at the contact
         size = abs(self.W).T @ sizes(motion.shapes, self.unit)
         at, size = (np.asarray(A).reshape(-1, motion.count) for A in (at, size))
-        acting = []  # of K and D: C at the contact, with `left` Cᵀ below it, times the motion, and the sizes that cancel in that
+        acting = []  # for K and D: C u, with `left` Cᵀ u below it, and |C| |u|, the size of the terms that cancel
         for C in (self.stiffness, self.damping):
             if np.ndim(C) == 0 and not sp.issparse(C):
                 C = np.eye(len(at)) if C else np.zeros((0, len(at)))
@@ -231,17 +231,19 @@ class Touched:
 
 @dataclass(frozen=True, eq=False)
 class Joined(Source):
-    """That of joined parts: q = L x of all parts, diag(Z_p) c, fulfils A q = 0, and moves no spring.
+    """The rigid motion of joined parts: their rigid motions q = diag(Z_p) c = L x that fulfil A q = 0 and move no spring.
 
     Attributes
     ----------
     parts : tuple of Substructure
     L : sparse or dense, shape (N, n)
+        q = L x gives the coordinates of the parts from the coordinates of the system.
     unit : ndarray, shape (N,)
-        How far each coordinate of the parts moves at unit energy.
+        The displacement of each coordinate of the parts at unit energy.
     equations : sparse, shape (m, N)
+        A.
     springs, dampers : tuple of sparse, shape (s, N)
-        Motions that springs and dampers act on.
+        The motions that springs and dampers act on.
     """
 
     parts: tuple[Substructure, ...]
@@ -253,7 +255,7 @@ class Joined(Source):
     belong: tuple[Matrix, Matrix] | None = None  # D and K of the system
 
     def belonging(self, D: Matrix, K: Matrix) -> Joined | None:
-        """The same for these matrices of the system; None if it was made for others."""
+        """The same, valid for these matrices of the system; None if it was made for other matrices."""
         before = self.belong or (D, K)
         return replace(self, belong=(D, K)) if same(before[0], D) and same(before[1], K) else None
 
@@ -288,17 +290,17 @@ class Joined(Source):
 
 
 def coordinates(L: Matrix, q: Array, unit: Array) -> Array | None:
-    """x (k, r) with L x = q (n, r), by least squares in `unit` (n,) of the DOF; None where there is none."""
+    """x (k, r) with L x = q (n, r), by least squares in `unit` (n,) of the DOF; None if L x = q has no solution."""
     q = q / unit[:, None]
     x = np.zeros((L.shape[1], q.shape[1]))
     if sp.issparse(L):
         L = sp.csc_array(sp.diags_array(1 / unit) @ sp.csr_array(L))
-        used = np.flatnonzero(np.diff(L.indptr))  # multipliers move nothing
+        used = np.flatnonzero(np.diff(L.indptr))  # columns of multipliers are zero
         L = L[:, used]
         gram = sp.csc_array(L.T @ L)
         scale = sp.diags_array(gram.diagonal() ** -0.5)
         factor = splu(sp.csc_array(scale @ gram @ scale))
-        for _ in range(3):  # two corrections
+        for _ in range(3):  # one solution, two corrections
             x[used] += scale @ factor.solve(np.ascontiguousarray(scale @ (L.T @ (q - L @ x[used]))))
         left = q - L @ x[used]
     else:
@@ -311,21 +313,21 @@ def coordinates(L: Matrix, q: Array, unit: Array) -> Array | None:
 
 
 def _stacked(blocks: list[tuple[Matrix, Matrix]], columns: int) -> tuple[Array, Array]:
-    """Conditions and their sizes below each other, dense, (m, columns) each."""
+    """Conditions, and the sizes of their terms, stacked in two dense arrays (m, columns)."""
     none = sp.csr_array((0, columns))
     one, other = (sp.vstack([none, *(block[side] for block in blocks)]).toarray() for side in (0, 1))
     return one, other
 
 
 def loose_by_places(part: Substructure, held: Array) -> int:
-    """How many motions of a rigid body leave the DOF `held` at rest and cost no energy, as far as places of DOF say; else 0."""
+    """The number of rigid motions, from the places of the DOF, with the DOF `held` at rest and without energy; 0 if not known."""
     dofs = part.dofs
     if dofs is None or dofs.no_rigid or dofs.size != part.size or not 0 < len(held) < part.size:
         return 0
     R = dofs.rigid()
     R = R[:, R.any(axis=0)]
     R, size, _ = np.linalg.svd(R / np.linalg.norm(R, axis=0), full_matrices=False)
-    R = R[:, size > DEPENDENT * size.max(initial=0.0)]  # of DOF on a line, or in one direction, motions are the same
+    R = R[:, size > DEPENDENT * size.max(initial=0.0)]  # if all DOF are on a line, or in one direction, some motions are equal
     still = null_space(R[held], sizes(R, energy_units(part))[held])
     if still is None or not still.shape[1]:
         return 0
@@ -335,11 +337,11 @@ def loose_by_places(part: Substructure, held: Array) -> int:
 
 
 def of_few_digits(M: Array, D: Array | None, K: Array, dofs: DofMap, lost: float, written: bool) -> RigidMotion | None:
-    """The rigid motions that K of a superelement does not resist; None where there are none. Interface DOF come first.
+    """The rigid motions of a superelement, whose interface DOF come first; None if there are none.
 
-    K has lost some digits, so that its rigid motions are no motions without any force. Where the places of the DOF are known,
-    they are those of a rigid body that K resists up to `lost`, each DOF measured in the unit of its own stiffness. Else they are
-    found from a `written` K, which has lost up to `lost` of each entry, if the next motion costs far more.
+    K has lost digits, so its rigid motions are not exactly free of forces. If the places of the DOF are known, a motion of a
+    rigid body counts whose forces are at most `lost`, with each DOF in the unit of its own stiffness. Otherwise rigid motions are
+    found from a `written` K, with the error `lost` of each entry, if the next motion has far more energy.
     """
     unit = units(K)
     if not dofs.no_rigid:
@@ -363,14 +365,14 @@ def of_few_digits(M: Array, D: Array | None, K: Array, dofs: DofMap, lost: float
 
 
 def energy_units(model: Substructure) -> Array:
-    """How far each DOF of a model moves at unit energy, (n,); see `units`."""
+    """The displacement of each DOF of a model at unit energy, (n,); see `femsub.algebra.units`."""
     return units_of_energy(model.M.diagonal(), model.K.diagonal())[0]
 
 
 def by_places(part: Substructure) -> RigidMotion | None:
-    """The motions of a rigid body, by the places of a full part's DOF, that K does not resist.
+    """The rigid motions of a full part, from the places of its DOF, that K does not resist.
 
-    None where places are not known, or rounding leaves it open.
+    None if the places are not known, or if rounding leaves open which motions K resists.
     """
     if part.dofs is None or part.dofs.no_rigid:
         return None
@@ -384,10 +386,11 @@ Rubbing: TypeAlias = "tuple[Matrix, Matrix, Matrix, Array]"
 
 
 def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Array | None:
-    """Rigid motions z (n, k) that friction pushes and no contact holds; None where rounding leaves it open.
+    """Rigid motions z (n, k) that friction drives and no contact resists; None if rounding leaves it open.
 
-    Each contact gives W (n, p), N and T (q, p) and S (p, m). It presses against motions with N Wᵀz ≠ 0. Of the others its
-    friction acts along those with T Wᵀz ≠ 0. Motions Wᵀz = S s go on by themselves: they are the sliding.
+    Each contact gives W (n, p), N and T (q, p) and S (p, m). The contact resists motions with N Wᵀz ≠ 0. Of the other motions,
+    friction acts along those with T Wᵀz ≠ 0. Motions with Wᵀz = S s are the steady sliding itself, which goes on, so they are
+    left out.
     """
     def at_contacts(Z: Array) -> list[tuple[Array, Array]]:
         return [(W.T @ Z, abs(W).T @ sizes(Z, unit)) for W, *_ in contacts]
@@ -403,7 +406,7 @@ def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Arr
     Z = Z / np.abs(Z / unit[:, None]).max(axis=0)
     moved = at_contacts(Z)
     along = annulled(2, moved)
-    steady = la.block_diag(*(S * (size.max(initial=0.0) / np.abs(S).max(initial=1e-300))  # as large as the motions beside it
+    steady = la.block_diag(*(S * (size.max(initial=0.0) / np.abs(S).max(initial=1e-300))  # scaled to the size of the motions
                              for (*_, S), (_, size) in zip(contacts, moved, strict=True)))
     going = null_space(np.hstack([np.vstack([u for u, _ in moved]), -steady]),
                        np.hstack([np.vstack([size for _, size in moved]), np.abs(steady)]))
@@ -417,7 +420,7 @@ def driven(motion: RigidMotion, contacts: Sequence[Rubbing], unit: Array) -> Arr
 
 
 def size_of_products(A: Matrix, V: Matrix) -> Array:
-    """g (r, 1) with |v_i|ᵀ|A||v_j| ≤ g_i g_j: one rounding in each entry of A changes VᵀAV by at most EPS g gᵀ.
+    """g (r, 1) with |v_i|ᵀ|A||v_j| ≤ g_i g_j: a relative change EPS of each entry of A changes VᵀAV by at most EPS g gᵀ.
 
     By Cauchy and Schwarz in units s of the DOF: g_j² = Σ_k (|A|s)_k v_kj²/s_k, with s from the diagonal of A.
     """
@@ -430,7 +433,7 @@ def size_of_products(A: Matrix, V: Matrix) -> Array:
     weight = np.maximum(size @ s, size.T @ s) / s
     if sp.issparse(V):
         return np.sqrt(V.power(2).T @ weight).reshape(-1, 1)
-    return np.sqrt(np.einsum("i,ij,ij->j", weight, V, V, optimize=False)).reshape(-1, 1)  # V² would take as much memory as V
+    return np.sqrt(np.einsum("i,ij,ij->j", weight, V, V, optimize=False)).reshape(-1, 1)  # without the memory for V²
 
 
 def rounding(K: Matrix) -> float:
@@ -439,12 +442,12 @@ def rounding(K: Matrix) -> float:
 
 
 def annihilates_a_translation(K: Matrix, unit: float = 0.0) -> bool:
-    """Whether a uniform motion of every s-th DOF has no elastic energy: a cheap test for a floating component."""
+    """Whether a uniform motion of every s-th DOF, for some s, has no elastic energy: a cheap test for a floating component."""
     return bool(is_rigid(*_translated(K)[1:], unit).any())
 
 
 def _translated(K: Matrix) -> tuple[float, Array, Array]:
-    """The rounding of K's entries, and the `costs` of translations; computed once."""
+    """The rounding of K's entries, and f and e of translations (see `costs`); computed once."""
     def found() -> tuple[float, Array, Array]:
         t = translations(K.shape[0])
         forces = K @ t, abs(K) @ t
@@ -460,7 +463,7 @@ def units(K: Matrix) -> Array:
 
 
 def costs(K: Matrix, x: Array, forces: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
-    """f and e of each column of x (n, k), (k,) each; 0 where nothing acts. `forces` are Kx and |K||x|, where they are known."""
+    """The ratios f and e of each column of x (n, k), (k,) each; 0 if |K||x| = 0. `forces` are Kx and |K||x|, if known already."""
     force, size = (K @ x, abs(K) @ np.abs(x)) if forces is None else forces
     unit = units(K)[:, None]
     energy, whole = np.einsum("ij,ij->j", x.conj(), force).real, np.einsum("ij,ij->j", np.abs(x), size)
@@ -470,23 +473,23 @@ def costs(K: Matrix, x: Array, forces: tuple[Array, Array] | None = None) -> tup
 
 
 def is_rigid(force: Array, energy: Array, unit: float = 0.0) -> Array:
-    """Which of the `costs` are those of rigid-body motion, but not of a mode on a soft mount, bool, shape (k,).
+    """Which motions are rigid-body motions and not modes on a soft mount, by their `costs`; bool, shape (k,).
 
-    `unit` is the rounding of the entries of K, if it is more than eps: it bounds both ratios.
+    `unit` is the rounding of the entries of K. If it is larger than the usual limits of f and e, it replaces them.
     """
     return (force < max(FORCE, unit)) & (energy <= max(SUMS, unit))
 
 
 def costs_nothing(K: Matrix, x: Array, unit: float = 0.0) -> Array:
-    """Which columns of x (n, k) have Kx = 0 within rounding, bool, shape (k,); see `is_rigid`."""
+    """Which columns of x (n, k) fulfil Kx = 0 within rounding, bool, shape (k,); see `is_rigid`."""
     return is_rigid(*costs(K, x), unit)
 
 
 def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
-    """Which DOF of these rows K gives no stiffness but rounding: rows of zeros, and rows that no K ≥ 0 can have; bool (m,).
+    """Which rows of K contain only rounding: rows of zeros, and rows that a semidefinite K cannot have; bool (m,).
 
-    K ≥ 0 has k_ij² ≤ k_ii k_jj. Where k_ij is larger, and rounding beside k_jj, the rounding of row i is of its size. Contact
-    normals that are tilted by rounding make such rows.
+    K ≥ 0 implies k_ij² ≤ k_ii k_jj. If |k_ij| is larger, but only rounding compared with k_jj, it shows the size of the rounding
+    in row i. Contact normals that are tilted by rounding cause such rows.
     """
     diagonal, entries = K.diagonal(), sp.coo_array(K[rows])
     own = diagonal[rows]
@@ -500,7 +503,7 @@ def bare(K: Matrix, rows: Array | slice = slice(None)) -> Array:
 
 
 def pieces(K: Matrix) -> Array:
-    """Which piece each DOF belongs to, (n,): pieces hold together by |k_ij| > SOFT √(k_ii k_jj). Computed once."""
+    """The number of the piece of each DOF, (n,). Entries |k_ij| > SOFT √(k_ii k_jj) connect the DOF of a piece. Computed once."""
     def found() -> Array:
         entries = sp.coo_array(K)
         strong = _strengths(K, entries) > SOFT
@@ -511,9 +514,9 @@ def pieces(K: Matrix) -> Array:
 
 
 def soft_springs(K: Matrix, unit: float) -> Matrix:
-    """The springs that alone join pieces, and are nearly rounding beside their stiffness, sparse (n, n); computed once.
+    """The entries of K between pieces, which are soft springs, sparse (n, n); computed once.
 
-    Entries of a dense K may be sums of products, and are rounding up to SUMMED times as large.
+    Entries within rounding are left out. The limit is SUMMED times larger for a dense K, whose entries may be sums of products.
     """
     def found() -> Matrix:
         entries = sp.coo_array(K)
@@ -534,13 +537,13 @@ def _strengths(K: Matrix, entries: Matrix) -> Array:
 
 
 def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], unit: float) -> int:
-    """How many of the modes x (n, k) are rigid, with their ω² in `values`, smallest first, and their `costs`.
+    """The number of rigid modes among the modes x (n, k) with ω² in `values`, in ascending order, and with `cost` from `costs`.
 
     `unit` is the rounding of K's entries.
 
-    A mode is rigid if its energy is only rounding and its ω² lies well below the next. The gap is needed: the first bending mode
-    of a long beam may be within rounding, too, but the second is at most 81 times higher, if no end is on a spring. The wider the
-    gap, the more rounding is believed.
+    A mode is rigid if its energy is only rounding and its ω² is far below the next ω². The gap is needed: the energy of the first
+    bending mode of a long beam may be within rounding, too. But the second ω² is at most 81 times higher, if no end is on a
+    spring. The wider the gap, the larger the energy that counts as rounding.
     """
     size, found = np.abs(values), 0
     force, energy = cost
@@ -552,9 +555,9 @@ def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], u
         while count and softly and strains(link, x[:, :count], pieces(K), 1 / units(K)):
             count -= 1
         if limit and count == len(size):
-            continue  # nothing shows a gap
+            continue  # without an elastic mode there is no gap
         if limit == WIDE[0] and (softly or not free[:count].any()):
-            continue  # soft springs inside make such a gap; or all stands on one mount that is soft, but not rounding
+            continue  # soft springs inside cause such a gap, and so does a soft mount of the whole model
         wanted = gap if count == most and (limit or not softly) else MIXED
         while 0 < count < len(size) and size[count - 1] > wanted * size[count]:
             if softly and share[count - 1] <= EPS < MIXED * share[count]:
@@ -565,7 +568,7 @@ def rigid_count(K: Matrix, values: Array, x: Array, cost: tuple[Array, Array], u
 
 
 def _alike(piece: Array) -> Iterator[tuple[Array, Array]]:
-    """The pieces (p,) of each size s, and their DOF (p, s)."""
+    """Yields, for each size s of pieces, the pieces (p,) of this size and their DOF (p, s)."""
     order, sizes = np.argsort(piece, kind="stable"), np.bincount(piece)
     start = np.cumsum(sizes) - sizes
     for size in np.unique(sizes[sizes > 0]):
@@ -574,9 +577,9 @@ def _alike(piece: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def _in_blocks(indptr: Array, columns: int) -> Iterator[tuple[slice, Array, Array]]:
-    """Whole rows of a sparse matrix, some at a time: the slice of their entries, the row of each, and where each row begins.
+    """Yields blocks of whole rows of a sparse matrix: the slice of their entries, the row of each entry, and each row's start.
 
-    `columns` is how many numbers a temporary takes for each entry.
+    `columns` is the number of floats that a temporary array needs for each entry.
     """
     at = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
     first = 0
@@ -588,15 +591,16 @@ def _in_blocks(indptr: Array, columns: int) -> Iterator[tuple[slice, Array, Arra
 
 
 def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, Array]:
-    """KX (n, k) where K Z = 0, and the sizes that cancel: for each piece's rows, of X without the rigid motion of the piece.
+    """KX (n, k) for a K with K Z = 0, and the size of the terms that cancel in it.
 
-    Beside a soft spring KX is rounding: the entries of K are known, but not their sums, which K Z = 0 says.
+    In the rows of each piece, X is taken relative to the rigid motion of the piece. Otherwise rounding would hide the forces of
+    soft springs: the row sums of K have few digits, but K Z = 0 gives them exactly.
     """
     scale = 1 / units(K)[:, None]
     own, moved = np.zeros((int(piece.max(initial=0)) + 1, Z.shape[1], X.shape[1])), X.copy()
     for of, at in _alike(piece):
         inverse = np.linalg.pinv(scale[at] * Z[at], rcond=DEPENDENT)
-        for _ in range(2):  # what the first step leaves of it is rounding of X
+        for _ in range(2):  # the first step leaves rigid motion of the size of X's rounding
             change = inverse @ (scale[at] * moved[at])
             own[of], moved[at] = own[of] + change, moved[at] - Z[at] @ change
     if len(own) == 1:
@@ -608,7 +612,7 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
     forces, sizes = inside @ moved, abs(inside) @ np.abs(moved)
     for part, rows, start in _in_blocks(across.indptr, X.shape[1] * max(Z.shape[1], 1)):
         j = across.indices[part]
-        apart = own[piece[j]] - own[piece[rows]]  # the same both ways, so that the two forces of a spring balance each other
+        apart = own[piece[j]] - own[piece[rows]]  # antisymmetric, so that the two forces of a spring balance each other
         beyond = moved[j] + np.einsum("er,erk->ek", Z[j], apart)
         beyond *= across.data[part, None]
         forces[rows[start]] += np.add.reduceat(beyond, start)
@@ -617,7 +621,7 @@ def elastic_forces(K: Matrix, X: Array, Z: Array, piece: Array) -> tuple[Array, 
 
 
 def links(K: Matrix, piece: Array, dust: float) -> Matrix:
-    """The entries of K that join pieces, and are no rounding: |k_ij| > dust √(k_ii k_jj); sparse (n, n)."""
+    """The entries of K between pieces, without rounding: |k_ij| > dust √(k_ii k_jj); sparse (n, n)."""
     entries = sp.coo_array(K)
     i, j = entries.coords
     between = (piece[i] != piece[j]) & (_strengths(K, entries) > dust)
@@ -625,13 +629,13 @@ def links(K: Matrix, piece: Array, dust: float) -> Matrix:
 
 
 def strains(link: Matrix, X: Array, piece: Array, scale: Array, rest: float = 1e-6, least: float = 1e-3) -> bool:
-    """Whether a combination of the motions X (n, k), in which one piece rests, moves it by the springs that lead there.
+    """Whether soft springs load a piece that is at rest in some combination of the motions X (n, k).
 
-    A piece rests that moves up to the share `rest` of the largest of its motions: X has the rounding of a solve. It is moved if
-    more than the share `least` of the forces that cancel is left.
+    Between stiff pieces the stiffness of a soft spring, and so the energy of X, may be rounding. But the entries of K between the
+    pieces, `link`, have all their digits. `scale` (n,) is 1 over the units of the DOF.
 
-    Between stiff pieces a soft spring may be rounding beside their own stiffness, and so may the energy of X. The entries that
-    join them have all their digits. `scale` (n,) is 1 over the units of the DOF.
+    A piece is at rest if it moves at most the share `rest` of its largest motion: X has the rounding of a solve. It is loaded if
+    the work of the springs' forces on a motion of the piece exceeds the share `least` of the sum of its absolute terms.
     """
     k = X.shape[1]
     U, still = np.zeros_like(X), np.zeros((int(piece.max(initial=0)) + 1, k, k))

@@ -56,20 +56,20 @@ class Substructure(Frozen):
     D : array_like or sparse, shape (n, n), optional
         Damping, symmetric or not.
     interface : sequence of int, or mapping of str to sequence of int
-        Interface DOF, counted from 0. A reduced model lists them in this order. A mapping gives sets of DOF a name, as
-        {"left": [0, 1], "right": [8, 9]}. Joints take a set by its name. Two sets may share a DOF.
+        Interface DOF, counted from 0. A reduced model lists them in this order. A mapping gives names to sets of DOF, as
+        {"left": [0, 1], "right": [8, 9]}. Joints refer to a set by its name. Two sets may share a DOF.
     ports : mapping of str to array_like, shape (n,) or (n, p)
         Named columns w on which belts, forces and outputs act.
     name : str
-        For messages and for `couple`.
+        Used in messages and by `couple`.
     dofs : DofMap, optional
         The node, direction and coordinates of each DOF.
     sets : mapping of str to array_like of int, optional
         The named sets as positions in `interface`, counted from 0. A mapping given as `interface` sets them.
     H : array_like or sparse, shape (n, n), optional
-        Structural damping, symmetric: the stiffness is K + iH for harmonic motion. A loss factor η has H = ηK, see `damped` and
-        `Material`. `frequency_response`, `complex_modes` and `harmonic_balance` take it along. Analyses that cannot take it
-        refuse the model. `equivalent_viscous` makes D of it.
+        Structural damping, symmetric: the stiffness is K + iH for harmonic motion. A loss factor η means H = ηK, see `damped` and
+        `Material`. `frequency_response`, `complex_modes` and `harmonic_balance` use it. Analyses that cannot use it refuse the
+        model. `equivalent_viscous` replaces it by a D.
 
     Raises
     ------
@@ -96,12 +96,12 @@ class Substructure(Frozen):
     ports: Mapping[str, Array]
     name: str
     dofs: DofMap | None = None
-    cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; above it, modes are those of the reduction
+    cutoff: float = field(default=np.inf, init=False)  #: rad per unit of time; modes above it are artefacts of the reduction
     sets: Mapping[str, Array] = field(default_factory=dict)
     H: Matrix | None = None
-    rigid_motion: Carried = field(default=None, init=False)  #: of a full model None: it is found from K, once
+    rigid_motion: Carried = field(default=None, init=False)  #: None for a full model: it is found from K, once
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)), init=False)  #: see `Pencil.noise`
-    supported: Supported | None = field(default=None, init=False)  #: DOF that its supports hold, where they are known
+    supported: Supported | None = field(default=None, init=False)  #: DOF held by the model's supports, if they are known
 
     def __init__(self, M: Any, K: Any, D: Any = None, interface: Iterable[int] | Mapping[str, Iterable[int]] = (),
                  ports: Mapping[str, Any] | None = None, name: str = "part", dofs: DofMap | None = None,
@@ -114,11 +114,11 @@ class Substructure(Frozen):
         if diagonal.min() < 0:
             where = int(diagonal.argmin())
             raise InputError(f"M has a negative mass: M[{where}, {where}] = {diagonal[where]:.6g}")
-        if not np.any(diagonal) and np.any(stiffness.data if sp.issparse(stiffness) else stiffness):  # a bare point has neither
+        if not np.any(diagonal) and np.any(stiffness.data if sp.issparse(stiffness) else stiffness):  # K = 0 is allowed
             raise InputError("M has no mass at all: every diagonal entry is zero")
-        # m_ij² ≤ m_ii m_jj, which every positive semidefinite M fulfils; a factorisation would be too expensive here
+        # every positive semidefinite M fulfils m_ij² ≤ m_ii m_jj; a factorisation would be too expensive here
         bound = np.sqrt(diagonal)
-        if sp.issparse(mass):  # few arrays of its size: the first touch of their memory takes longer than the rest
+        if sp.issparse(mass):  # with few new arrays, since the first access to their memory takes longer than the arithmetic
             size, limit = np.abs(mass.data), np.repeat(bound, np.diff(mass.indptr))
             limit *= bound[mass.indices]
         else:
@@ -132,12 +132,12 @@ class Substructure(Frozen):
             raise InputError(f"M is not positive semidefinite: M[{i}, {j}] = {mass[i, j]:.6g} is larger than "
                              f"sqrt(M[{i}, {i}] M[{j}, {j}]), so some motion would have negative kinetic energy")
         del size, limit
-        if type(self) is Substructure and _in_each_others_place(mass, stiffness):  # parts of a system have been looked at
+        if type(self) is Substructure and _in_each_others_place(mass, stiffness):  # parts of a system were checked before
             warn(f"M and K of {name!r} seem to be in each other's place: most rows of M sum to 0 along a translation, as "
                  "those of a stiffness matrix do, and those of K do not. The order is Substructure(M, K), read_component(M, K)")
         if dofs is not None and instance("dofs", dofs, DofMap).size != pencil.size:
             raise InputError(f"the DOF map has {dofs.size} DOF, but the matrices are {pencil.size} x {pencil.size}")
-        if isinstance(interface, Mapping):  # named sets, which may overlap: each DOF once, and where in the interface each set is
+        if isinstance(interface, Mapping):  # named sets may overlap: list each DOF once, and store sets as positions in this list
             named = {key: _interface(rows, pencil.size, f"the interface set {key!r}") for key, rows in interface.items()}
             interface = list(dict.fromkeys(int(row) for rows in named.values() for row in rows))
             place = {row: at for at, row in enumerate(interface)}
@@ -167,12 +167,12 @@ class Substructure(Frozen):
 
     @property
     def is_reduced(self) -> bool:
-        """Whether it is a reduced model, or a system with such a part."""
+        """Whether this is a reduced model, or a system with a reduced part."""
         return any(part.is_reduced for part in getattr(self, "parts", {}).values())
 
     @cached_property
     def interior(self) -> Array:
-        """The DOF that are not interface, ascending."""
+        """The DOF that are not interface DOF, ascending."""
         return np.setdiff1d(np.arange(self.size), self.interface)
 
     @cached_property
@@ -183,17 +183,17 @@ class Substructure(Frozen):
 
     @cached_property
     def interface_dofs(self) -> DofMap | None:
-        """Which motion of which node each interface DOF is, and where; None where that is not known."""
+        """The node, motion and point of each interface DOF; None if they are not known."""
         return None if self.dofs is None else self.dofs.kept(self.interface)
 
     @property
     def interface_numbers(self) -> Array:
-        """The interface DOF in the component's own numbering, shape (n_b,): of a reduced model, as rows of V."""
+        """The interface DOF in the full component's numbering, shape (n_b,): for a reduced model, as rows of V."""
         return self.interface
 
     @cached_property
     def pencil(self) -> Pencil:
-        """λ²M + λD + K without any contact, with what the model knows of its rigid motion and rounding."""
+        """λ²M + λD + K without any contact, with the model's rigid motion, rounding in D and cut-off."""
         plain = vars(self).pop("_checked", None) or Pencil(self.M, self.D, self.K)
         if self.rigid_motion is None and not self.noise.shape[1] and self.cutoff == plain.cutoff:
             return plain
@@ -202,23 +202,23 @@ class Substructure(Frozen):
     def linearised(self, contacts: Contacts = None, *, structural: bool = False) -> Pencil:
         """The pencil linearised about steady sliding: with D + Σ W C_D Wᵀ and K + Σ W C_K Wᵀ over the given contacts.
 
-        K may become unsymmetric. Structural damping H is not in it: with `structural` the caller adds H.
+        K may become unsymmetric. The pencil does not contain structural damping H. With `structural`, the caller adds H itself.
 
         Raises
         ------
         InputError
-            The model has structural damping, and the caller does not add it.
+            The model has structural damping, and `structural` is False.
         """
         if not structural:
             self.viscous_only("λ²M + λD + K")
         return self.pencil.with_contacts([small_matrices(self, contact) for contact in contacts_of(contacts)])
 
     def check_held(self, contacts: Contacts, noun: str = "the part") -> None:
-        """An InputError if friction pushes a part that nothing but the contact holds (`femsub.model.held`)."""
+        """Raise an InputError if friction drives a rigid motion that nothing but the contact holds (`femsub.model.held`)."""
         check_held(self, contacts, noun)
 
     def floating(self, contacts: Contacts) -> RigidMotion | None:
-        """The rigid motion that contacts leave, driven by friction or not; None where it is not known."""
+        """The rigid motion that the contacts do not resist, driven by friction or not; None if it is not known."""
         return floating(self, contacts)
 
     def with_damping(self, D: Any) -> Self:
@@ -231,14 +231,14 @@ class Substructure(Frozen):
         return self._with(H=None if H is None else _structural(H, self.K), pencil=self.pencil)
 
     def viscous_only(self, what: str) -> None:
-        """An InputError if the model has structural damping, which has no place in `what`."""
+        """Raise an InputError if the model has structural damping, which cannot be part of `what`."""
         if self.H is not None:
             raise InputError(f"{self.name!r} has structural damping H, which has no place in {what}: K + iH holds in harmonic "
                              "motion alone. Take fs.equivalent_viscous(model, omega), which damps motion at ω as much, or "
                              "model.with_structural_damping(None)")
 
     def dof_name(self, row: int) -> str:
-        """What a message calls a DOF: 'uz at node 12', or 'DOF 3', counted from 0, where there is no map."""
+        """The name of a DOF in messages: 'uz at node 12', or without a DOF map 'DOF 3', counted from 0."""
         return f"DOF {row}" if self.dofs is None else self.dofs.name(row)
 
     def empty(self, *beside: Matrix | None) -> Array:
@@ -247,15 +247,15 @@ class Substructure(Frozen):
         return rows_of_zeros(*(A for A in beside if A is not None), among=found) if len(found) else found
 
     def refuse_empty(self, *beside: Matrix | None, rows: Array | None = None, name: str | None = None) -> None:
-        """Refuse DOF with neither mass nor stiffness, of these rows only: the one check of all analyses.
+        """Raise an error if DOF have neither mass nor stiffness, among `rows` if given. All analyses use this check.
 
-        `beside` (n, n) or (n, p) is what else acts in an analysis: the D and K of its pencil, or the columns of its contacts.
-        `name` is what the message calls the model.
+        `beside` are other matrices that act in an analysis: D and K (n, n) of its pencil, or the columns (n, p) of its contacts.
+        `name` is the model's name in the message.
 
         Raises
         ------
         SingularMatrixError
-            There are such DOF. The message names the first.
+            There are such DOF. The message names the first ones.
         """
         found = self.empty(*beside)
         found = found if rows is None else np.intersect1d(found, rows)
@@ -263,14 +263,14 @@ class Substructure(Frozen):
             raise empty_dofs_error(len(found), map(self.dof_name, found.tolist()), self.name if name is None else name)
 
     def rigid_inertia(self) -> Inertia | None:
-        """The forces of rigid accelerations on its DOF; None where the DOF have no known part in rigid motion."""
+        """The inertia forces of rigid accelerations on the DOF; None if the motion of a DOF in rigid motion is not known."""
         if self.dofs is None or self.dofs.no_rigid:
             return None
         R = self.dofs.rigid(np.zeros(3))
         return Inertia.of(R, np.asarray(self.M @ R), self.supported)
 
     def _carry(self, rigid_motion: Carried, noise: Array) -> None:
-        """What a model made of others knows from them; its pencil is made afterwards."""
+        """Sets the rigid motion and rounding that a model takes over from its parts, before its pencil is formed."""
         self._set(rigid_motion=rigid_motion, noise=noise)
 
     def port(self, name: str) -> Array:
@@ -284,7 +284,7 @@ class Substructure(Frozen):
 class ReducedSubstructure(Substructure):
     """A reduced component, made by `reduce`: a `Substructure` in the coordinates q of a basis, u ≈ V q.
 
-    V has the shape (n, r); M, D, K have (r, r). It is used like any other substructure. In addition it knows its origin.
+    V has the shape (n, r); M, D, K have (r, r). It is used like any other substructure. These attributes are added:
 
     Attributes
     ----------
@@ -299,17 +299,17 @@ class ReducedSubstructure(Substructure):
     cutoff : float
         The frequency of the first mode left out (inf if none is). Modes above it must not decide about stability.
     dropped : int
-        Columns left out because they depended on the others.
+        The number of columns left out because they depended on the others.
     port_error : dict of str to float
-        Per port, the error of the static response in the energy norm, relative to that of the full component.
+        For each port, the relative error of the static response in the energy norm, compared with the full component.
     factorisations : int
-        Factorisations of the component made for the basis: 0 if earlier calls had made them already.
+        The number of factorisations of the component made for the basis: 0 if earlier calls had made them already.
     full_dofs : DofMap, optional
         The DOF map of the rows of V.
     full_interface : ndarray of int
         The interface as rows of V.
     interface_dofs : DofMap, optional
-        That of the interface; by default the part of `full_dofs`.
+        The DOF map of the interface; by default the part of `full_dofs`.
     estimate : Estimate, optional
         Error estimates of its modes in the band, if `reduce` was given a tolerance.
     estimated : (M, D, K), optional
@@ -319,12 +319,13 @@ class ReducedSubstructure(Substructure):
     noise : ndarray, shape (r, k), optional
         Rounding in VᵀDV: see `Pencil`.
     origin : Origin, optional
-        What `reduce` made it of. Of a superelement and of a model by hand this is not known. A copy with another M or K loses it.
+        The model that `reduce` started from. It is not known for a superelement or a model made by hand. A copy with another M or
+        K loses it.
     inertia : Inertia, optional
-        The forces of rigid accelerations on its coordinates, VᵀP. A copy with another M loses them.
+        The inertia forces of rigid accelerations on the coordinates, VᵀP. A copy with another M loses them.
     change_error : float
-        Of a model that `modified` made: the estimated relative error of its λ up to 0.7 of the cut-off, with the damping of the
-        changes and without friction. The reduction's own error is included. NaN where it is not known.
+        For a result of `modified`: the estimated relative error of its λ up to 0.7 of the cut-off, with the damping of the
+        changes and without friction. The error of the reduction is included. NaN if it is not known.
 
     Examples
     --------
@@ -358,7 +359,7 @@ class ReducedSubstructure(Substructure):
     inertia: Inertia | None = None
     change_error: float = np.nan
 
-    #: makes a model with more shapes, while the full component exists; not pickled
+    #: object that makes a model with more shapes, as long as the full component exists; not pickled
     wider: ClassVar[Any] = None
 
     def __post_init__(self) -> None:
@@ -369,7 +370,7 @@ class ReducedSubstructure(Substructure):
         if not self.cutoff > 0:
             raise InputError(f"cutoff must be a positive frequency, inf where nothing was left out, but is {self.cutoff!r}")
         full_interface = _interface(self.full_interface, len(V))
-        # A coordinate is an interface DOF where its column is the only one to move that DOF, by one.
+        # A coordinate is an interface DOF if its column alone moves that DOF, by 1.
         rows = V[full_interface]
         places = [int(np.argmax(row == 1.0)) for row in rows if np.count_nonzero(row) == 1 and 1.0 in row]
         physical = len(places) == len(rows) and len(set(places)) == len(places)
@@ -401,7 +402,7 @@ class ReducedSubstructure(Substructure):
 
     @property
     def is_reduced(self) -> bool:
-        """True."""
+        """Always True."""
         return True
 
     @property
@@ -414,16 +415,16 @@ class ReducedSubstructure(Substructure):
         return self.inertia
 
     def with_damping(self, D: Any) -> Self:
-        """A copy with another D, shape (r, r), and without the estimate, which is not valid for it."""
+        """A copy with another D, shape (r, r). It has no estimate, since the estimate is not valid for another D."""
         return super().with_damping(D)._with(estimate=None, estimated=None, wider=self.wider)
 
     def dof_name(self, row: int) -> str:
-        """The name of an interface DOF that is a coordinate, or 'coordinate 3'."""
+        """The name of the interface DOF if the coordinate is one, otherwise 'coordinate 3'."""
         at = np.flatnonzero(self.interface == row)
         return self.interface_dofs.name(int(at[0])) if len(at) and self.interface_dofs is not None else f"coordinate {row}"
 
     def expand(self, q: Array) -> Array:
-        """u = V q, shape (r,) or (r, k) to (n,) or (n, k)."""
+        """u = V q, (n,) or (n, k), from q (r,) or (r, k)."""
         q = np.asarray(q)
         if q.ndim == 0 or q.shape[0] != self.size:
             raise InputError(f"q must have {self.size} rows, one per coordinate, but its shape is {q.shape}")
@@ -433,14 +434,14 @@ class ReducedSubstructure(Substructure):
 def usable_band(model: Substructure | Pencil | Affine, band: Any = None) -> tuple[float, float]:
     """The band (lo, hi) of an analysis: hi must not exceed the cut-off; default (0, cut-off).
 
-    Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So a band that
-    reaches above it is refused, by all analyses. Where the cut-off is not known (NaN), results are 'not checked'. Up to
-    SHARE of the cut-off errors are usually small; between the two they need not be.
+    Above the cut-off the modes of a reduced model are artefacts of the reduction, often hardly damped. So all analyses refuse a
+    band that reaches above it. If the cut-off is not known (NaN), results are 'not checked'. Up to SHARE of the cut-off errors
+    are usually small; from there to the cut-off they may be large.
 
     Raises
     ------
     InputError
-        Not a band, or one that ends above the cut-off.
+        Not a band, or a band that ends above the cut-off.
     """
     if band is None:
         return 0.0, np.inf if np.isnan(model.cutoff) else float(model.cutoff)
@@ -453,13 +454,14 @@ def usable_band(model: Substructure | Pencil | Affine, band: Any = None) -> tupl
 
 
 def called(model: Substructure | Pencil | Affine) -> str:
-    """A model's name in quotes; a pencil has none."""
+    """A model's name in quotes, or 'the reduced Pencil', since a pencil has no name."""
     return repr(model.name) if isinstance(model, Substructure) else f"the reduced {type(model).__name__}"
 
 
 def _symmetric(name: str, matrix: Matrix) -> Matrix:
-    """(A + Aᵀ)/2 of an A that is symmetric but for rounding: |a_ij - a_ji| ≤ EQUAL sqrt(|a_ii a_jj|), whatever the stiffness of
-    other DOF. An assembly rounds off less than ROUNDING, products of matrices may round off more: there is a warning then.
+    """(A + Aᵀ)/2 of a matrix A that is symmetric up to rounding: |a_ij - a_ji| ≤ EQUAL sqrt(|a_ii a_jj|).
+
+    The rounding of an assembly is below ROUNDING. Products of matrices may have more, so a larger difference gives a warning.
     """
     skew, unit = sp.coo_array(matrix - matrix.T), np.sqrt(np.abs(matrix.diagonal()))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -489,12 +491,12 @@ def _structural(H: Any, K: Matrix) -> Matrix:
 
 
 def _in_each_others_place(M: Matrix, K: Matrix, few: int = 4, some: int = 1000) -> bool:
-    """Whether M looks like a stiffness matrix and K does not: forces inside a body add up to 0, inertia in a translation not.
+    """Whether M looks like a stiffness matrix and K does not, by row sums along translations: for stiffness they are 0.
 
-    They add up to 0 within the digits of a file. At least a `few` rows of a translation must do so, since fewer may by accident;
-    `some` rows are looked at before all are.
+    A sum counts as 0 within the digits of a file. At least `few` rows of a translation must sum to 0, since fewer may do so by
+    accident. A sample of `some` rows is checked before all rows.
     """
-    if (M.data if sp.issparse(M) else M).min(initial=0.0) >= 0:  # then nothing in it can add up to 0
+    if (M.data if sp.issparse(M) else M).min(initial=0.0) >= 0:  # row sums of 0 need negative entries
         return False
     t = translations(M.shape[0])
 
@@ -505,7 +507,7 @@ def _in_each_others_place(M: Matrix, K: Matrix, few: int = 4, some: int = 1000) 
         return (own & (sums <= 10 * POSITION * size)).sum(axis=0) / np.maximum(own.sum(axis=0), few)
 
     sample = np.random.default_rng(1).integers(len(t), size=some)
-    if len(t) > some and (balanced(M, sample) < 0.3).all():  # as of nearly every M: all rows take longer
+    if len(t) > some and (balanced(M, sample) < 0.3).all():  # true for nearly every M, and faster than all rows
         return False
     stiff = balanced(M) > 0.5
     return bool(stiff.any() and (stiff & (balanced(K) < 0.1)).any())
@@ -523,7 +525,7 @@ def _interface(values: Iterable[int], size: int, what: str = "interface") -> Arr
 
 
 def checked_sets(sets: Mapping[str, Any] | None, count: int) -> dict[str, Array]:
-    """Named sets of an interface of `count` DOF, each DOF by its place in the interface."""
+    """Named sets of an interface of `count` DOF, checked: each DOF is given by its place in the interface."""
     found = {}
     for name, places in ({} if sets is None else mapping("sets", sets, "names and places in the interface")).items():
         what = f"the interface set {word('a name in sets', name)!r}"

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What is seen of a run: the velocity `v` (m,) at a port, and its spectrum in a window of time, None in a short one."""
+    """A run as shown in charts: the velocity `v` (m,) at a port, and its spectrum in a window of time, None if it is short."""
 
     kind: str  #: the key of the model, such as 'full'
     run: Transient
     v: Array
     window: tuple[float, float]
     spectrum: Spectrum | None
-    speed: float | None  #: of the belt, where there is one
+    speed: float | None  #: the belt's speed, None without a belt
 
     @property
     def model(self) -> Substructure:
@@ -39,22 +39,22 @@ class Track:
 
     @property
     def name(self) -> str:
-        """The name of its model."""
+        """The name of the model, with its size."""
         return f"{look(self.kind).label}, {self.size} DOF"
 
     @property
     def peaks(self) -> Array:
-        """Frequencies of the peaks, the highest first; none where there is no spectrum."""
+        """The frequencies of the peaks, the highest peak first; empty without a spectrum."""
         return np.zeros(0) if self.spectrum is None else self.spectrum.peaks
 
 
 def highest(tracks: Sequence[Track], strongest: int = 3) -> float:
-    """How far up spectra are drawn, the same for all: the strongest peaks of each stand clear of the edge."""
+    """The highest ω of all spectra in charts: 1.3 times the largest ω of the `strongest` peaks of any run."""
     return 1.3 * max((float(at) for one in tracks for at in one.peaks[:strongest]), default=1.0)
 
 
 def motion_chart(track: Track, title: str) -> Chart:
-    """The run, its last periods and its spectrum."""
+    """The velocity over the whole run and in its last periods, and its spectrum."""
     known = [track] * (track.spectrum is not None)
     signals, spectra = signals_chart([track]), spectra_chart(known, highest(known)) if known else None
     panels = [*signals.panels, *(replace(one, title="spectrum") for one in (spectra.panels if spectra else ()))]
@@ -62,13 +62,13 @@ def motion_chart(track: Track, title: str) -> Chart:
 
 
 def spectrum_chart(found: Spectrum, title: str) -> Chart:
-    """The amplitude over ω, its peaks marked."""
+    """The amplitude over ω, with marks at its peaks."""
     return Chart("spectrum", title, [_spectrum(found, "", "amplitude", 1.3 * float(max(found.peaks[:3], default=found.omega[-1])),
                                                float(found.amplitude.max()), 4)], width=0.8)
 
 
 def signals_chart(tracks: Sequence[Track], periods: int = 10) -> Chart:
-    """For each model the envelope of the whole run, and its last periods, those of the highest peak, beside the belt's speed."""
+    """For each model, the velocity over the whole run and in its last periods (of the highest peak), with the belt's speed."""
     panels = []
     for item in tracks:
         run = item.run
@@ -77,7 +77,7 @@ def signals_chart(tracks: Sequence[Track], periods: int = 10) -> Chart:
         v = item.v
         period = 2 * np.pi / item.peaks[0] if len(item.peaks) else np.ptp(run.t) / 20
         t, whole = run.t, v
-        if np.ptp(t) > 4 * periods * period:  # too many to be distinguished
+        if np.ptp(t) > 4 * periods * period:  # too many periods to be seen: their envelope
             t, *ends = envelope(t, v)
             t, whole = np.repeat(t, 2), np.stack(ends, axis=1).ravel()
         late = run.t > run.t[-1] - periods * period
@@ -92,9 +92,9 @@ def signals_chart(tracks: Sequence[Track], periods: int = 10) -> Chart:
 
 
 def envelope(t: Array, v: Array, stretches: int = 600) -> tuple[Array, Array, Array]:
-    """The smallest and the largest value of a signal in each of so many stretches of equal length; all of it if it is short.
+    """Times, and the smallest and largest values of a signal in `stretches` stretches of equal length; all values if it is short.
 
-    By default there are as many as a panel has pixels across.
+    The default is the width of a panel in pixels.
     """
     column = np.minimum(((t - t[0]) / (t[-1] - t[0]) * stretches).astype(int), stretches - 1)
     starts = np.flatnonzero(np.diff(column, prepend=-1))
@@ -102,7 +102,7 @@ def envelope(t: Array, v: Array, stretches: int = 600) -> tuple[Array, Array, Ar
 
 
 def spectra_chart(tracks: Sequence[Track], highest: float, labelled: int = 4) -> Chart:
-    """Amplitudes over ω in the window, one below the other, the peaks marked; the highest have their ω beside them."""
+    """Amplitudes over ω in the window, one panel for each model, with marks at the peaks and ω beside the highest ones."""
     top = max(float(item.spectrum.amplitude.max()) for item in tracks if item.spectrum is not None)
     panels = [replace(_spectrum(item.spectrum, item.kind, "amplitude  [length/time]", highest, top, labelled),
                       title=f"{item.name}: t = {item.window[0]:g} to {item.window[1]:g}")
@@ -123,7 +123,7 @@ def _spectrum(found: Spectrum, model: str, label: str, highest: float, top: floa
 
 
 def spectrogram_chart(made: Sequence[tuple[str, Spectrogram]], highest: float, decades: int = 3) -> Chart:
-    """Short-time spectra side by side, on one scale of so many `decades` (the paper's Fig. 5)."""
+    """Short-time spectra side by side, on one colour scale of `decades` decades (the paper's Fig. 5)."""
     top, panels = max((float(found.amplitude.max()) for _, found in made), default=1.0), []
     for name, found in made:
         inside = found.omega <= highest
@@ -137,7 +137,7 @@ def spectrogram_chart(made: Sequence[tuple[str, Spectrogram]], highest: float, d
 def period_chart(rows: Sequence[Mapping[str, Any]], floor: float = 1e-8) -> Chart:
     """Error of the amplitude over the wall time of a simulated period; the full model is the dashed line.
 
-    Amplitudes are known to `floor` at best: errors below are drawn there.
+    Amplitudes are accurate to `floor` at best: smaller errors are drawn at `floor`.
     """
     models, series = grouped(rows, "model"), []
     full = models.pop("full")[0]

@@ -1,4 +1,4 @@
-"""Motions in time of several models of one structure, side by side: their figures, growth beside Re λ, strongest frequencies."""
+"""Motions in time of several models of one structure: their results, growth compared with Re λ, strongest frequencies."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from femsub.motion.transient import sticking, transient
 
 
 def motion_row(track: Track, port: str) -> dict[str, Any]:
-    """The figures of a run, seen at a port: amplitude, frequencies and sticking in the window, None of a short one."""
+    """The results of a run at a port: amplitude, frequencies and sticking in the window; None if the window is short."""
     run, window = track.run, track.window
     row: dict[str, Any] = {"model": track.kind, "size": track.size, "cutoff": getattr(track.model, "cutoff", np.inf),
                            "window": list(window), "rms": None, "peaks": None, "heights": None, "sticking": None,
@@ -31,15 +31,15 @@ def motion_row(track: Track, port: str) -> dict[str, Any]:
 
 def growth_in_time(model: Substructure, contacts: Sequence[Contact], modes: ComplexModes, port: str, speed: float,
                    faint: float = 1e-6, still: float = 1e-3) -> dict[str, Any]:
-    """Rate and frequency of the fastest growing mode below the cut-off, measured in time at a port, beside those of its λ.
+    """Growth rate and frequency of the fastest growing mode below the cut-off, measured in time at a port, and those of its λ.
 
-    `faint` and `still` are shares of a speed: the mode's velocity at the start, and that up to which it is followed. There the
-    model is linear. All is None where no mode grows.
+    `faint` and `still` are shares of `speed`: the mode's velocity at the start, and the velocity up to which the growth is
+    followed. Up to there the model is nearly linear. All values are None if no mode grows.
     """
     measured = ("growth", "growth_of_cea", "omega", "omega_of_cea", "error")
     if (at := modes.fastest) is None:
         return dict.fromkeys(measured)
-    # from a velocity `faint` until it should be `still`, and for a dozen periods at least
+    # from the velocity `faint` until it should reach `still`, and for at least a dozen periods
     value, shape = complex(modes.eigenvalues[at]), modes.shapes[:, at]
     shape = shape * (faint * speed / max(float(np.abs(model.port(port).T @ shape * value).max()), 1e-300))
     start = sliding(model, contacts).perturbed(shape.real, (value * shape).real)
@@ -51,7 +51,7 @@ def growth_in_time(model: Substructure, contacts: Sequence[Contact], modes: Comp
 
 
 def spectrograms(tracks: Sequence[Track], length: float) -> tuple[list[tuple[Track, Spectrogram]], list[dict[str, Any]]]:
-    """Short-time spectra of runs that are long enough, and rows with the strongest frequency at some eight times of each."""
+    """Short-time spectra of the runs that are long enough, and rows with the strongest frequency at about eight times of each."""
     made = [(item, spectrogram(item.run.t, item.v, length)) for item in tracks
             if len(item.run.t) and np.ptp(item.run.t) > 2 * length]
     return made, [{"model": item.kind, "size": item.size, "from": float(found.t[at]) - length / 2,

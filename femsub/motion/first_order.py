@@ -2,15 +2,15 @@
 
     ẋ = u,   u̇ = -K̂ x - D̂ u + G Δf,   Δf = f(Gᵀu) - f(0),   q = T (x + x₀),   TᵀMT = I
 
-x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small
-motion about it. Nor is Δf a difference where the motion is small, see `ForceChange`. (If x₀ does not exist, or its rounding would
-matter, x₀ and f(0) are 0 here.) T is chosen such that the
-contact acts on the first p velocities only: G = TᵀW (n, p) is zero below row p. For a contact that has `scalar` a right-hand
-side is one matrix-vector product and a few operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work
-∫ ΔfᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt, with the same error control. The work of the constant f(0) is f(0)ᵀWᵀ(q - q(0)).
+x₀ is steady sliding, K̂ x₀ = G f(0). Without this shift, tolerance and rounding of a static deflection would hide a small motion
+about it. For the same reason Δf is not computed as a difference if the motion is small, see `ForceChange`. (If x₀ does not
+exist, or if its rounding would matter, x₀ and f(0) are 0 here.) T is chosen so that the contact acts on the first p velocities
+only: G = TᵀW (n, p) is zero below row p. For a contact with `scalar`, a right-hand side is one matrix-vector product and a few
+operations on floats, about 1.3 µs at n = 10. Two more unknowns are the work ∫ ΔfᵀWᵀq̇ dt and the dissipation ∫ q̇ᵀDq̇ dt, with
+the same error control. The work of the constant f(0) is f(0)ᵀWᵀ(q - q(0)).
 
-Why LSODA (C code, one call for a stretch of the grid) is the default: measured at commit 18f1073, 50 time units of stick-slip,
-seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
+LSODA (C code, one call for a stretch of the grid) is the default for its speed. Measured at commit 18f1073: 50 time units of
+stick-slip, seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; interpolated):
 
     model (DOF)            LSODA   DOP853  Radau   BDF     alpha at an error of 2e-3
     chain, full (10)       0.01    0.05    0.3     1       5
@@ -19,13 +19,13 @@ seconds for an error of 1e-6 of the belt's speed (2 cores of an AMD EPYC, busy; 
     chain, HCB (20)        0.005   0.02    0.1     0.3     1
     chain, full (1000)     -       -       -       -       1.8
 
-It switches to BDF automatically where the friction law is stiff (ε → 1e-6); DOP853 cannot. Sparse models with consistent
+LSODA switches to BDF automatically where the friction law is stiff (ε → 1e-6); DOP853 cannot. Sparse models with consistent
 masses have no sparse first-order form: see `generalised_alpha`.
 
-Error control: |local error of y_i| ≤ tol (|y_i| + s_i) in the largest norm. s = v/‖w‖_M⁻¹ for velocities, v the largest
-of the belts' speeds and of the speeds under them at the start, but no more than the motion itself, m = (‖u‖² + ‖u̇‖²/ω²)^½ where
-a stretch of the integration begins; s/ω for displacements, ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w; s² + s min(m, ‖G f(0)‖/ω) for work and
-dissipation. The tolerance is never below the rounding of ‖G Δf‖.
+Error control: |local error of y_i| ≤ tol (|y_i| + s_i) for every i. For velocities s = v/‖w‖_M⁻¹, where v is the largest of the
+belts' speeds and of the speeds under them at the start. But s is at most the motion itself, m = (‖u‖² + ‖u̇‖²/ω²)^½, at the
+beginning of a stretch of the integration. For displacements the scale is s/ω with ω² = wᵀM⁻¹KM⁻¹w / wᵀM⁻¹w, for work and
+dissipation s² + s min(m, ‖G f(0)‖/ω). The tolerance is never below the rounding of ‖G Δf‖.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, St
 TINY = float(np.finfo(float).tiny)
 
 Right = Callable[[float, Array], Array]
-#: Work of Δf, dissipation, change of the energy about x₀, what work and energy have in common beside, the largest energy about x₀
+#: Work of Δf, dissipation, change of the energy about x₀, the additional work that is also energy, largest energy about x₀
 Balance = tuple[float, float, float, float, float]
 
 
 class Flow:
-    """A trajectory of a model small enough to be dense: `advance` integrates it along a grid and keeps the current state.
+    """A trajectory of a dense model: `advance` integrates it along a grid and keeps the current state.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Flow:
     rate, jacobian : callable
         ẏ = rate(t, y) and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
     rest : ndarray, shape (n,)
-        x₀, if it is known (`shifted`); else 0.
+        x₀ if it is known (`shifted`), otherwise 0.
     scale : float
         v/‖w‖_M⁻¹ of the error control: the largest s for velocities.
     omega, thrust : float
@@ -66,11 +66,11 @@ class Flow:
     highest : float
         The largest ω of the model.
     columns
-        What is recorded: columnsᵀq.
+        The columns of the recorded motions columnsᵀq.
     begins : float
-        The motion at the start, as a speed.
+        The motion at the start, m of the error control.
     steps, rhs, jacobians : int
-        Counters of the effort.
+        Numbers of steps, right-hand sides and Jacobians.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class Flow:
             L = la.cholesky(pencil.M, lower=True)
         except la.LinAlgError:
             L = np.zeros_like(pencil.M)
-        # entry by entry: rotations and displacements in one vector have masses of different units
+        # each entry is compared with its own diagonal: masses of rotations and of displacements have different units
         if (np.diagonal(L) ** 2 <= len(L) * EPS * pencil.M.diagonal()).any():
             raise massless(f"M of {contact.model.name!r}", "velocities are not determined")
         Q, _ = la.qr(la.solve_triangular(L, contact.W, lower=True))
@@ -98,7 +98,7 @@ class Flow:
         self.highest = float(np.sqrt(max(la.eigvalsh(K)[-1], 0.0)))
         inverse = T.T @ pencil.M
         begin = inverse @ start.displacement
-        # x₀: the start, if it is an equilibrium; else K⁻¹ G f(0), if it exists and is accurate enough
+        # x₀ is the start if it is an equilibrium; otherwise K⁻¹ G f(0) if it exists and is accurate enough
         rest = None
         if not contact.pull(start.displacement).any():
             rest = begin
@@ -106,7 +106,7 @@ class Flow:
             with suppress(la.LinAlgError):
                 force = G @ contact.resting(start.displacement)
                 found = la.cho_solve(la.cho_factor(K), force)
-                # a residual of more than some thousand roundings matters if the motion is far from x₀
+                # a residual above some thousand roundings is accepted only if the start is near x₀
                 sharp = np.abs(K @ found - force).max() <= 4096 * EPS * np.abs(force).max()
                 if sharp or np.linalg.norm(found - begin) <= 0.5 * np.linalg.norm(found):
                     rest = found
@@ -118,7 +118,7 @@ class Flow:
             change = ForceChange(contact, none, none, none)
         self.rest = rest
         self.rate, self.jacobian = _functions(change, K, D, G[:min(contact.columns, len(K))])
-        # ω and v/‖w‖_M⁻¹; a contact that only moves rigidly, up to rounding, has no ω of its own
+        # ω and v/‖w‖_M⁻¹; a contact that moves only rigidly, up to rounding, has no ω of its own
         pull = max((float(g @ (K @ g) / (g @ g)) for g in G.T if g.any()), default=0.0)
         self.omega = float(np.sqrt(pull)) if pull > (1e-6 * self.highest) ** 2 else self.highest or 1.0
         thickest = np.sqrt(np.einsum("ij,ij->j", G, G)).max() or 1.0
@@ -131,13 +131,13 @@ class Flow:
 
     @property
     def stretch(self) -> float:
-        """The time to integrate in one call, 200 periods of the highest mode: progress is reported in between."""
+        """The time to integrate in one call, 200 periods of the highest mode. Progress is reported between calls."""
         return 200 * 2 * np.pi / (self.highest or 1.0)
 
     def advance(self, times: Array) -> tuple[Array, Array]:
         """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
 
-        times[0] is the current time; the integrator restarts there.
+        times[0] is the current time, at which the integrator restarts.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Flow:
             options: dict[str, Any] = {"rtol": self.tol, "atol": self.tolerances()}
             if self.method == "lsoda":
                 warnings.simplefilter("ignore", ODEintWarning)  # its message is in `info`
-                # after so many steps between two points it makes no progress
+                # with more steps between two points the integration counts as failed
                 found, info = odeint(self.rate, self.y, times, Dfun=self.jacobian, col_deriv=True, tfirst=True, full_output=True,
                                      mxstep=5_000_000, **options)
                 effort = info["nst"][-1], info["nfe"][-1], info["nje"][-1]
@@ -176,7 +176,7 @@ class Flow:
         return (found[:, :n] + self.rest) @ C, found[:, n:2 * n] @ C
 
     def close(self) -> None:
-        """Nothing to free; same interface as `AlphaFlow`."""
+        """Does nothing; `AlphaFlow` frees its factors."""
 
     @property
     def state(self) -> State:
@@ -187,40 +187,40 @@ class Flow:
     def balance(self) -> Balance:
         """The terms of the energy balance since the start."""
         before, now = self._energy(self.first), self._energy(self.y)
-        # x₀ᵀK̂x = f(0)ᵀGᵀx is work of the friction at rest as well as energy
+        # x₀ᵀK̂x = f(0)ᵀGᵀx is both work of the friction at rest and energy
         common = float(self.rest @ (self.K @ (self.y - self.first)[:len(self.T)]))
         return float(self.y[-2]), float(self.y[-1]), now - before, common, max(before, now)
 
     def _energy(self, y: Array) -> float:
-        """½ uᵀu + ½ xᵀK̂x: of the motion about x₀."""
+        """½ uᵀu + ½ xᵀK̂x, the energy of the motion about x₀."""
         x, u = np.split(y[:-2], 2)
         return float(u @ u + x @ (self.K @ x)) / 2
 
     def _motion(self) -> float:
-        """m of the error control."""
+        """m of the error control, at the current state."""
         u, a = self.y[len(self.T):-2], self.rate(0.0, self.y)[len(self.T):-2]
         return float(np.hypot(np.linalg.norm(u), np.linalg.norm(a) / self.omega))
 
     def tolerances(self) -> Array:
-        """tol · s of the error control from now on, at least the rounding, shape (2n + 2,)."""
+        """tol · s of the error control at the current state, but at least the rounding, shape (2n + 2,)."""
         n, pushed = len(self.T), self.thrust / self.omega
-        m = max(self._motion(), TINY ** (1 / 3) * self.scale)  # the squares of so small a motion are still numbers
-        # smaller motion is rounding of the friction's impulse over a period
+        m = max(self._motion(), TINY ** (1 / 3) * self.scale)  # so that its square does not underflow
+        # a smaller motion is rounding of the friction's impulse over a period
         at = max(self.tol * min(self.scale, m), 4 * EPS * (min(pushed, m / SMALL_CHANGE) if self.shifted else pushed))
         power = at * (min(self.scale, m) + (min(pushed, m) if self.shifted else pushed))
         return np.concatenate([np.full(n, at / self.omega), np.full(n, at), np.full(2, power)])
 
 
 def _functions(change: ForceChange, K: Array, D: Array, G: Array) -> tuple[Right, Right]:
-    """rhs and the transposed Jacobian; G holds the rows of TᵀW that are not zero, (p, p); `change` is Δf from x₀ on."""
+    """The right-hand side and the transposed Jacobian. G (p, p) are the nonzero rows of TᵀW; `change` is Δf about x₀."""
     contact, n, p = change.contact, len(K), len(G)
     work, loss, size = 2 * n, 2 * n + 1, 2 * n + 2
     symmetric = (D + D.T) / 2
     values, shapes = np.linalg.eigh(symmetric)
     felt = np.abs(values) > n * EPS * np.abs(values).max(initial=0.0)
     rows = shapes[:, felt].T
-    # The damped speeds lᵢᵀu are appended below ẏ, so that one product gives all. A single one (the chain's dashpot) is put in
-    # the place of its square.
+    # The damped speeds lᵢᵀu are appended below ẏ, so that one product gives all. A single damped speed (the chain's dashpot) is
+    # stored in the entry of the dissipation, and squared there.
     one = len(rows) == 1
     A = np.zeros((size + (0 if one else len(rows)), size))
     A[:n, n:2 * n] = np.eye(n)
@@ -283,5 +283,5 @@ def _functions(change: ForceChange, K: Array, D: Array, G: Array) -> tuple[Right
     return scalar_rhs, jacobian
 
 
-#: SciPy's names of the methods
+#: SciPy's names of the integration methods
 METHODS = {"lsoda": "LSODA", "dop853": "DOP853", "radau": "Radau", "bdf": "BDF"}

@@ -1,22 +1,23 @@
 """Large sparse models in time: M a + D v + K x = W f(Wᵀx, Wᵀv) by the generalised-α method, with one solve per step.
 
 The method (Chung and Hulbert, J. Appl. Mech. 60 (1993) 371) is of second order, and damps frequencies that the step cannot
-resolve (spectral radius RADIUS at infinity). Each step solves an equation in which the contact has rank p:
+resolve (spectral radius RADIUS at infinity). Each step solves an equation in which the contact is a term of rank p:
 
     S d = -r + W (Δf(u₁, v₁) - Δf(u₀, v₀)),   u₁ = u₀ + Wᵀd,   v₁ = v₀ + s Wᵀd,   S = σM + sD + K,
 
-with r the residual at the predictor, s and σ the shifts of the step. S depends on the step size only and is factorised once
-per size. The remaining p equations for v₁ are solved to rounding by Newton's method. (PETSc's own TSALPHA2 starts with twice
-the acceleration, as of 3.18, and restarts after each rejected step.)
+with the residual r at the predictor, and the shifts s and σ of the step. S depends only on the step size and is factorised once
+per size. Newton's method solves the remaining p equations for v₁ to rounding. (PETSc's own TSALPHA2 starts with twice the
+acceleration, as of 3.18, and restarts after each rejected step.)
 
 Error control: the local error of the velocities, e = ‖v₁ - 3v₀ + 3v₋₁ - v₋₂‖/12 in the norm of diag M, must not exceed
-tol (‖v‖ + min(v_s, V)). A block of 32 steps that violates this is repeated with half the step (or less). After a block with e
-always below a sixteenth the step is doubled. v_s is the belts' speed on the motion M⁻¹w, which has the least energy at that
-speed. V is the largest ‖v‖ so far, which decays by half over a block; it bridges the turning points of a small motion. At the
-start it is at least aᵀMa/sqrt(aᵀKa), the speed that follows from a displacement from equilibrium. Rounding in e is ignored.
+tol (‖v‖ + min(v_s, V)). A block of 32 steps that violates this limit is repeated with half the step, or less. After a block with
+e always below a sixteenth of the limit, the step is doubled. v_s is the norm of the motion M⁻¹w with the belts' speed, the motion
+of least energy with this speed. V is the largest ‖v‖ so far, which decays by half over a block, so that the limit does not vanish
+at the turning points of a small motion. At the start V is at least aᵀMa/sqrt(aᵀKa), the speed that follows from a displacement
+from equilibrium. Rounding in e is ignored.
 
-The unknown is the distance from the start. K x₀ is treated separately, and Δf is the force less that at x₀, see `ForceChange`.
-Otherwise the rounding of a static deflection and of its forces would hide a small motion.
+The unknown is the displacement from the start x₀. K x₀ is a separate term, and Δf is the force less the force at x₀, see
+`ForceChange`. Otherwise the rounding of a static deflection and of its forces would hide a small motion.
 
 The sum of the local errors of all steps, relative to V, estimates the error of the velocities at the end (`error`). This
 assumes that disturbances grow or decay like the motion itself. On a limit cycle the error is mostly a shift in time.
@@ -35,14 +36,14 @@ from femsub.motion.first_order import Balance
 from femsub.motion.nonlinear_model import SMALL_CHANGE, ForceChange, Sliding, State, mass_solve, massless
 
 RADIUS = 0.9  # amplification at infinite frequency
-STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: where in a step the equation holds
+STAGE, INERTIA = 1 / (1 + RADIUS), (2 - RADIUS) / (1 + RADIUS)  # α_f and α_m: the place in a step where the equation holds
 GAMMA, BETA = 0.5 + INERTIA - STAGE, 0.25 * (1 + INERTIA - STAGE) ** 2
-JUDGED = 32  # steps between two decisions on their length
+JUDGED = 32  # number of steps after which their length is decided on again
 FADE = 0.5 ** (1 / JUDGED)  # decay of V per step
 
 
 class Moment(NamedTuple):
-    """x from the start, v, a and Δf (p,); and since the start work, dissipation and the sum of local errors; V."""
+    """x relative to the start, v, a, Δf (p,) and V (`moving`); work, dissipation and the sum of local errors since the start."""
 
     x: Array
     v: Array
@@ -57,8 +58,8 @@ class Moment(NamedTuple):
 class AlphaFlow:
     """A trajectory of a sparse model during integration, with the attributes and methods of `first_order.Flow`.
 
-    The factors used last are kept in up to `memory` bytes: two at least, so that a step can change its length and back, and at
-    most `factors`. The integration fails after so many `halvings` of the step in a row.
+    The factors used last are kept in up to `memory` bytes: at least two, so that the step can change and change back, and at most
+    `factors`. The integration fails after `halvings` halvings of the step in succession.
     """
 
     method = "alpha"
@@ -75,7 +76,7 @@ class AlphaFlow:
         self.kind: Any = "definite" if model.pencil.symmetric[1] else "general"
         self.steps = self.rhs = self.jacobians = 0
         self.dt = self.largest = step
-        # the belts' speed as a norm of velocities, v / sqrt(wᵀ(diag M)⁻¹w), the largest of the columns'
+        # the belts' speed as a norm of velocities, v / sqrt(wᵀ(diag M)⁻¹w), the largest over the columns
         speed = max(float(contact.speeds.max()), float(np.abs(contact.W.T @ start.velocity).max())) or 1.0
         norms = np.square(contact.W).T @ (1 / self.weight)
         self.speed = float(speed / np.sqrt(norms[norms > 0].min())) if norms.any() else speed
@@ -96,7 +97,7 @@ class AlphaFlow:
         self.reached = Moment(x, v, a, force, self.begins)
         self.history = [self.reached]  # up to four moments at intervals of `last`
         self.last = 0.0
-        self.done, self.worst = 0, 0.0  # steps since the last decision on their length, and the largest local error of these
+        self.done, self.worst = 0, 0.0  # steps since their length was last decided on, and their largest local error
 
     @property
     def stretch(self) -> float:
@@ -119,7 +120,7 @@ class AlphaFlow:
                 float(self.rest @ (self.K @ x)), max(self.before, now))
 
     def close(self) -> None:
-        """Free the factors."""
+        """Frees the factors."""
         for handle, _, _ in self.factors.values():
             handle.close()
         self.factors.clear()
@@ -144,7 +145,7 @@ class AlphaFlow:
                 if halved > self.halvings:
                     raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g}, but the local error is still "
                                             f"{self.worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
-                # the local error falls with the third power of the step: what is far too long is halved up to five times
+                # the local error falls with the third power of the step: a step that is far too long is halved up to five times
                 self.dt = step / 2 ** min(max(1, int(np.log2(self.worst / self.tol) / 3)), 5)
                 self.history, self.done, self.worst = [begin], 0, 0.0
                 del shown[kept:]
@@ -163,19 +164,19 @@ class AlphaFlow:
         """One step, see `Moment`: one solve with S and p scalar equations; the stage equation then holds to rounding.
 
         The stage is x_α = x₀ + α_f (x₁ - x₀), v_α likewise, a_α = a₀ + α_m (a₁ - a₀), with
-        x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). It starts from M a₀ = sum of all forces. A
-        step of another length continues with the last a.
+        x₁ = x₀ + h v₀ + h² ((½ - β) a₀ + β a₁) and v₁ = v₀ + h ((1 - γ) a₀ + γ a₁). The first step starts from M a₀ = sum of all
+        forces. A step of another length continues with the last a.
         """
         now, contact = self.history[-1], self.contact
         part, s, sigma = STAGE * BETA * h * h, GAMMA / (BETA * h), INERTIA / (STAGE * BETA * h * h)
-        # the predictor keeps a
+        # the predictor has a constant a
         place, speed = now.x + STAGE * (h * now.v + h * h / 2 * now.a), now.v + STAGE * h * now.a
         guess = np.zeros(contact.columns) if contact.by_speed else contact.W.T @ place, contact.W.T @ speed
         before = self.change(*guess)
         handle, Z, C = self._factor(sigma, s)
         d = handle.solve(-self._residual(place, speed, now.a, before))
         force = _contact_force(self.change, guess, s * (contact.W.T @ d), before, C, s)
-        change = (d + Z @ (force - before)) / part  # of a
+        change = (d + Z @ (force - before)) / part  # change of a
         moved = h * now.v + h * h * (now.a / 2 + BETA * change)
         x, v = now.x + moved, now.v + h * (now.a + GAMMA * change)
         if not np.isfinite(v[0]):
@@ -190,14 +191,14 @@ class AlphaFlow:
         # local error of the velocity over its scale: a twelfth of the third difference, as for the trapezoidal rule
         one, two, three, four = (moment.v for moment in self.history)
         wrong, size = self._norm(four - one - 3 * (three - two)) / 12, self._norm(four)
-        shaken = min(self.shaken, self._shaken(after.force) / SMALL_CHANGE)  # forces whose rounding is in Δf
-        noise = 64 * EPS * (2 / h * self._norm(after.x) + h / 2 * shaken)  # of the terms that a step adds up
+        shaken = min(self.shaken, self._shaken(after.force) / SMALL_CHANGE)  # from the forces whose rounding Δf contains
+        noise = 64 * EPS * (2 / h * self._norm(after.x) + h / 2 * shaken)  # rounding of the terms that a step adds up
         moving = max(size, FADE * after.moving)
         self.history[-1] = after._replace(moving=moving, error=after.error + (wrong / (moving + noise) if wrong else 0.0))
         self.worst = max(self.worst, 0.0 if wrong <= noise else wrong / (size + min(self.speed, moving)))
 
     def _residual(self, x: Array, v: Array, a: Array, force: Array) -> Array:
-        """M a + D v + K (x₀ + x) - W f (n,), x the distance from the start, `force` Δf."""
+        """M a + D v + K (x₀ + x) - W f (n,), with x relative to the start x₀, and `force` = Δf."""
         self.rhs += 1
         return self.M @ a + self.K @ x - self.contact.W @ force - self.pull + self.D @ v
 
@@ -205,11 +206,11 @@ class AlphaFlow:
         return float(np.sqrt(self.weight @ np.square(v)))
 
     def _shaken(self, force: Array) -> float:
-        """The acceleration by forces on the contact's columns, as a norm."""
+        """The norm of the acceleration by forces on the contact's columns."""
         return float(np.sqrt(np.square(self.contact.W @ force) @ (1 / self.weight)))
 
     def _factor(self, sigma: float, s: float) -> tuple[Handle, Array, Array]:
-        """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W; made once per pair of shifts."""
+        """The factor of S = σM + sD + K, with S⁻¹W and s WᵀS⁻¹W, computed once per pair of shifts."""
         key = (sigma, s)
         if key not in self.factors:
             while len(self.factors) >= self.kept:
@@ -229,7 +230,7 @@ class AlphaFlow:
 
 
 def _contact_force(force: ForceChange, guess: tuple[Array, Array], change: Array, before: Array, C: Array, s: float) -> Array:
-    """Δf(u, v), v = v₀ + change + C (Δf(u, v) - before), u = u₀ + (v - v₀)/s, by Newton's method with step halving; (p,)."""
+    """Δf(u, v) (p,), where v = v₀ + change + C (Δf(u, v) - before), u = u₀ + (v - v₀)/s, by Newton's method with step halving."""
     contact, (place, begin) = force.contact, guess
     linear = begin + change
 
@@ -241,7 +242,7 @@ def _contact_force(force: ForceChange, guess: tuple[Array, Array], change: Array
     rest, f = gap(v)
     felt = min(float(np.abs(force.rest).max(initial=0.0)), float(np.abs(f).max()) / SMALL_CHANGE) + np.abs(f).max()
     floor = 8 * EPS * (np.abs(linear).max() + np.abs(C).max() * felt + np.abs(v).max())
-    if not contact.by_speed:  # forces depend on displacements as well, whose rounding they multiply
+    if not contact.by_speed:  # forces depend on displacements as well, and so on their rounding
         floor += 8 * EPS * float((np.abs(C @ contact.tangents(force.place + place, v)[0]) @ np.abs(place)).max())
     for _ in range(200):
         if np.abs(rest).max() <= floor:
@@ -254,7 +255,7 @@ def _contact_force(force: ForceChange, guess: tuple[Array, Array], change: Array
             if np.linalg.norm(found) < np.linalg.norm(rest) or np.abs(found).max() <= floor:
                 break
         else:
-            if np.abs(rest).max() <= 1e4 * floor:  # eleven digits, beside a kink of the law
+            if np.abs(rest).max() <= 1e4 * floor:  # eleven digits are enough beside a kink of the law
                 return gap(v)[1]
             break
         v, rest = trial, found

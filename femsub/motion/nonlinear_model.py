@@ -1,9 +1,9 @@
-"""A substructure and what its contacts exert in motion: forces, steady sliding, initial disturbances.
+"""The nonlinear model of a substructure with its contacts: forces, steady sliding, initial disturbances.
 
     M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇)
 
-with one column of W (n, p) for each column of each contact's ports and sets, and u = Wᵀq, v = Wᵀq̇ (p,) the motion there. A belt
-is a contact with f_c = F μ(v0 - v_c) on each column. Full and reduced models alike: W of a reduced one is VᵀW.
+with one column of W (n, p) for each column of each contact's ports and sets, and the motion u = Wᵀq, v = Wᵀq̇ (p,) there. A belt
+is a contact with f_c = F μ(v0 - v_c) on each column. This holds for full and reduced models: W of a reduced model is VᵀW.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ from femsub.coupling import Belt, width_of
 from femsub.model import ReducedSubstructure, Substructure, columns_of, contacts_of
 from femsub.modes import ShiftInvert
 
-RESIDUE = 16 * EPS  # relative to the forces that cancel in an equilibrium: the rounding that remains
-SMALL_CHANGE = 1e-5  # of the force at rest: a smaller change c is taken from the tangent, right to c²; a difference is to EPS/c
+RESIDUE = 16 * EPS  # rounding in an equilibrium, relative to the forces that cancel
+SMALL_CHANGE = 1e-5  # share c of the force at rest: below it the tangent is used, with an error of c²; a difference has EPS/c
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,7 +46,7 @@ class State:
     Raises
     ------
     InputError, InputTypeError
-        Not real numbers, or not as many of both.
+        Not real numbers, or vectors of different lengths.
 
     Examples
     --------
@@ -79,13 +79,13 @@ class Sliding:
     ----------
     model : Substructure
     contacts : tuple of Contact
-        As they were given.
+        The contacts as they were given.
     moving : tuple
-        What has their `exerted` and `tangents`: the contacts themselves, or what their `in_motion` made.
+        The objects with `exerted` and `tangents`: the contacts themselves, or the results of their `in_motion`.
     W : ndarray, shape (n, p)
-        Their columns side by side.
+        The columns of all contacts side by side.
     blocks : tuple of slice
-        The columns of each.
+        The columns of each contact.
     """
 
     model: Substructure
@@ -107,7 +107,7 @@ class Sliding:
 
     @property
     def kind(self) -> str:
-        """What a chart calls the model: full or reduced."""
+        """The key of the model in charts: 'full' or 'reduced'."""
         return "reduced" if isinstance(self.model, ReducedSubstructure) else "full"
 
     @property
@@ -132,12 +132,12 @@ class Sliding:
 
     @cached_property
     def by_speed(self) -> bool:
-        """Whether f depends on the speeds alone, by the tangents of all contacts."""
+        """Whether f depends on the velocities only: ∂f/∂u is None for all contacts."""
         none = np.zeros(self.columns)
         return all(one.tangents(none[rows], none[rows])[0] is None for rows, one in zip(self.blocks, self.moving, strict=True))
 
     def exerted(self, u: Array, v: Array) -> Array:
-        """f of all contacts at displacements u and speeds v of the columns, in their shape, (p,) or (p, m) at m times."""
+        """f of all contacts for displacements u and velocities v of the columns, in their shape, (p,) or (p, m) at m times."""
         found = np.empty(v.shape)
         for at, one in zip(self.blocks, self.moving, strict=True):
             found[at] = one.exerted(u[at], v[at]) if v.ndim == 1 or columnwise(one) else \
@@ -150,7 +150,7 @@ class Sliding:
         for rows, one in zip(self.blocks, self.moving, strict=True):
             if v.ndim == 1 or columnwise(one):
                 parts = one.tangents(u[rows], v[rows])
-            else:  # one time after the other; None for what is 0
+            else:  # one time after the other; None for a derivative that is 0
                 both = zip(*(one.tangents(*pair) for pair in zip(u[rows].T, v[rows].T, strict=True)), strict=True)
                 parts = [None if each[0] is None else np.moveaxis(np.array(each), 0, -1) for each in both]
             for found, part in zip(whole, parts, strict=True):
@@ -163,14 +163,14 @@ class Sliding:
         return self.exerted(self.W.T @ displacement, np.zeros(self.columns))
 
     def change(self, displacement: Array) -> ForceChange:
-        """f(u₀ + u, v) - f(u₀, 0) as a function of u and v, from a place q (n,) on with u₀ = Wᵀq."""
+        """f(u₀ + u, v) - f(u₀, 0) as a function of u and v, with u₀ = Wᵀq for a displacement q (n,)."""
         u, still = self.W.T @ displacement, np.zeros(self.columns)
         rest = self.exerted(u, still)
         of_u, of_v = self.tangents(u, still)
         return ForceChange(self, u, rest, RESIDUE * (np.abs(rest) + np.abs(of_u) @ np.abs(u) + np.abs(of_v) @ self.speeds))
 
     def sticks(self, v: Array) -> Array:
-        """Where the belts stick, see `Belt.sticks`; bool, (k, m) with a row for each of their columns, of v (p, m)."""
+        """Whether the belts stick at velocities v (p, m), see `Belt.sticks`; bool, (k, m), with a row for each belt's column."""
         return np.vstack([one.sticks(v[rows]) for rows, one in zip(self.blocks, self.contacts, strict=True)
                           if isinstance(one, Belt)])
 
@@ -186,7 +186,7 @@ class Sliding:
         Raises
         ------
         InputError
-            The model floats, so nothing balances the friction.
+            The model floats, so no support balances the friction.
         """
         handle = ShiftInvert(self.model.K, self.model.M, carried=self.model.rigid_motion)
         Z = None if handle.floating else handle.factor.solve(self.W)
@@ -197,12 +197,14 @@ class Sliding:
         return Z, self.W.T @ Z
 
     def mean(self, u: Array, v: Array, begin: Array, steps: int = 50) -> tuple[Array, Array]:
-        """u₀ (p,) of u₀ = WᵀK⁻¹W f₀, f₀ the mean of f(u₀ + u, v) over m times, and f (p, m), by Newton's method from `begin` on.
+        """u₀ (p,) with u₀ = WᵀK⁻¹W f₀, where f₀ is the mean of f(u₀ + u, v) over m times, and f (p, m).
+
+        Newton's method starts from `begin`.
 
         Raises
         ------
         NotConvergedError
-            Newton's method found none in so many `steps`.
+            Newton's method did not converge in `steps` steps.
         """
         H = self.static[1]
         mean, size = begin, float(np.abs(u).max())
@@ -219,12 +221,12 @@ class Sliding:
 
     @cached_property
     def equilibrium(self) -> Array:
-        """K q = W f at rest: steady sliding, shape (n,)."""
+        """The displacement q (n,) in steady sliding: K q = W f at rest."""
         still = np.zeros((self.columns, 1))
         return self.static[0] @ self.mean(still, still, still[:, 0])[1][:, 0]
 
     def pull(self, displacement: Array) -> Array:
-        """W f - K q (n,), the force on a model at rest; 0 where only rounding is left of it."""
+        """W f - K q (n,), the force on a model at rest; exactly 0 if it is only rounding."""
         f = self.resting(displacement)
         left = self.W @ f - self.model.K @ displacement
         terms = np.abs(self.W) @ np.abs(f) + abs(self.model.K) @ np.abs(displacement)
@@ -263,7 +265,7 @@ class Sliding:
         return State(self.equilibrium + self._vector("displacement", displacement), self._vector("velocity", velocity))
 
     def _vector(self, name: str, value: Any) -> Array:
-        """A copy of a vector of the model's coordinates (n,); of a number, the vector with this number everywhere."""
+        """A copy of a vector of the model's coordinates (n,). A number gives the vector with all entries equal to it."""
         found, size = real_array(name, value), self.model.size
         if found.shape not in ((), (size,)):
             raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}. "
@@ -273,17 +275,17 @@ class Sliding:
 
 @dataclass(frozen=True, eq=False)
 class ForceChange:
-    """Δf = f(u₀ + u, v) - f(u₀, 0), shape (p,), to full relative accuracy however small the motion is.
+    """Δf = f(u₀ + u, v) - f(u₀, 0), shape (p,), with a relative error of about 1e-10 for any size of the motion.
 
-    The difference of the two forces has the rounding of the forces. In a small motion nothing else may be left of it. There Δf is
-    the tangent half-way times the way, if it agrees with the difference within `rounding`. If it does not, the difference stands:
-    the law is curved there, or has a kink or a jump on the way. Either is right to about 1e-10 of Δf.
+    The difference of the two forces has the rounding of the forces, which may exceed Δf in a small motion. Then Δf is the tangent
+    at half the motion times the motion, if it agrees with the difference within `rounding`. Otherwise the law is curved there, or
+    has a kink or a jump, and the difference is used.
     """
 
     contact: Sliding
     place: Array  #: u₀
     rest: Array  #: f(u₀, 0)
-    rounding: Array  #: of a difference of two forces
+    rounding: Array  #: the rounding of a difference of two forces
 
     def __call__(self, u: Array, v: Array) -> Array:
         change = self.contact.exerted(self.place + u, v) - self.rest
@@ -296,13 +298,13 @@ class ForceChange:
 
 
 def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model", *, structural: bool = False) -> Sliding:
-    """A model with its contacts, checked; `structural` where its structural damping is taken along.
+    """A model with its contacts, checked. With `structural` the caller uses the model's structural damping.
 
     Raises
     ------
     InputError, InputTypeError
-        No contact, a belt without a friction law (a slope alone is not enough for nonlinear motion), two belts on one port, an
-        unknown port, a contact that does not say what it exerts, structural damping.
+        No contact, a belt without a friction law (a slope is not enough for nonlinear motion), two belts on one port, an unknown
+        port, a contact without `exerted` and `tangents`, structural damping.
     """
     if not isinstance(model, Substructure):
         raise InputTypeError(f"{what} takes a Substructure with a port, not {type(model).__name__}")
@@ -326,19 +328,19 @@ def sliding(model: Substructure, contacts: Any, what: str = "the nonlinear model
 
 
 def in_motion(contact: Any, model: Substructure) -> Any:
-    """What exerts the contact's force on a model."""
+    """The object with `exerted` and `tangents` for a contact on a model: the contact itself, or the result of its `in_motion`."""
     return made(model) if callable(made := getattr(contact, "in_motion", None)) else contact
 
 
 def columnwise(contact: Any) -> bool:
-    """Whether each column acts by itself, and arrays of any shape may be given."""
+    """Whether the columns are independent, so that arrays of any shape are accepted (see `Contact`)."""
     return bool(getattr(contact, "columnwise", False))
 
 
 def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
     """The M-orthogonal projection of a field of the full model: q = M_r⁻¹ Vᵀ M u, shape (n,) or (n, k) to (r,) or (r, k).
 
-    M (n, n) is the full model's. V q is the field nearest to u in kinetic energy within the basis.
+    M (n, n) is the mass matrix of the full model. V q is the field in the basis that is nearest to u in kinetic energy.
     """
     if not isinstance(rom, ReducedSubstructure):
         raise InputTypeError(f"project takes a reduced substructure, not {type(rom).__name__}")

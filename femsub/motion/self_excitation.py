@@ -1,7 +1,8 @@
-"""Linear criteria for the self-excited motion of a reduced model: missing and spurious growing modes, errors of the others,
-and the error of the compliance h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W at the contact.
+"""Linear criteria for the self-excited motion of a reduced model.
 
-Linear analysis of a reduced model ignores modes above its cut-off, but time integration does not. So all modes count here.
+The criteria are missing and spurious growing modes, the errors of the other growing modes, and the error of the compliance
+h(iω) = Wᵀ(-ω²M + iωD + K)⁻¹W at the contact. Linear analyses of a reduced model ignore modes above its cut-off, but time
+integration does not. So all modes count here.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class SelfExcitation:
     loss : ndarray, shape (k,)
         The share of xᴴMx that the basis cannot represent; NaN without a basis.
     spurious : ndarray of complex
-        Growing λ of the reduced model that match none of the full model.
+        Growing λ of the reduced model that match no growing λ of the full model.
     missing : ndarray of complex
         λ of growing modes of the full model that are missing in the reduced model, or decay there.
     missing_share : float
@@ -55,7 +56,7 @@ class SelfExcitation:
         Σ Re λ loss / Σ Re λ: the share of the growing modes' energy outside the basis; NaN without one.
     compliance_static, compliance_max, compliance_mean : float
         ‖Δh‖ / ‖h‖ at ω = 0; the largest ‖Δh‖ over the largest ‖h‖; the mean of ‖Δh‖ / (‖h‖ + ‖h_r‖), which lies between
-        0 and 1 and is not dominated by resonances. Each with the models' own D.
+        0 and 1 and is not dominated by resonances. The compliances contain the models' D without the contacts.
     omega : ndarray
         Frequencies at which compliances were compared.
     band : (lo, hi) or None
@@ -90,7 +91,7 @@ class SelfExcitation:
 
     @property
     def verdict(self) -> str:
-        """What to expect of a transient, in words.
+        """The motion to expect of a transient, in words.
 
         Reduced chains that lack more than 0.3 of the growing modes never reached the full model's motion
         (docs/guide/motion.md). Growth rates and compliance within 0.1 are fair.
@@ -113,7 +114,7 @@ class SelfExcitation:
                 f"compliance at the contact {100 * self.compliance_mean:.2g} % off on average")
 
     def flat(self) -> dict[str, float]:
-        """The criteria by name (those of CRITERIA) and the numbers of growing modes, for tables, CSV and JSON."""
+        """The criteria by their names in CRITERIA, and the numbers of growing modes, for tables, CSV and JSON."""
         return {"growing": len(self.growing), "missing": len(self.missing), "spurious": len(self.spurious),
                 **{name: float(getattr(self, name)) for name in CRITERIA}}
 
@@ -134,7 +135,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
     Parameters
     ----------
     full : Substructure
-        Solved once.
+        The full model, solved once.
     reduced : Substructure or sequence of Substructure
         Shapes are compared as well if the model has a basis V (from `reduce`).
     contacts : Belt, LinearContact or another contact, or a sequence of them
@@ -143,12 +144,12 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         outside it are not judged.
     omega : array_like, optional
         Frequencies at which compliances are compared, in radians per unit of time. Default: evenly from 0 to `harmonics` times
-        the highest growing frequency (the highest of all if none grows); 400 points, or 40 for more than 150 DOF.
+        the highest growing frequency (or the highest frequency if none grows); 400 points, or 40 for more than 150 DOF.
     harmonics : float
         See `omega`. Friction is strongly nonlinear and excites harmonics of the growing frequencies.
     near, alike : float
-        A mode of a reduced model matches one of the full model if |Δλ| / |λ| is at most `near` and the MAC of the two shapes at
-        least `alike`. By default 5 % of |λ|, and shapes whose angle is within 18°.
+        A mode of a reduced model matches a mode of the full model if |Δλ| / |λ| is at most `near` and the MAC of the two shapes
+        at least `alike`. By default 5 % of |λ|, and an angle between the shapes of at most 18°.
 
     Returns
     -------
@@ -212,7 +213,7 @@ def self_excitation(full: Substructure, reduced: Substructure | Sequence[Substru
         counterpart, agreement = np.full(len(values), complex(np.nan, np.nan)), np.full(len(values), np.nan)
         counterpart[at[fit]] = others[to[fit]]
         agreement[at] = mac[at, to]
-        # a growing mode that matches a decaying one is as spurious as one that matches none
+        # a growing mode that matches only a decaying mode is spurious, too
         extra = increase.copy()
         extra[to[fit & grows[at]]] = False
         if limits is not None:
@@ -242,8 +243,8 @@ def table_rows(full: Substructure, reduced: Sequence[Substructure], contacts: Co
                measured: Sequence[Mapping[str, Any]], **options: Any) -> list[dict[str, Any]]:
     """One flat dict per reduced model: method, size, the criteria, the verdict, and the measured errors.
 
-    `measured` holds the errors of each model by name, e.g. those of frequency and amplitude of a transient or a limit cycle.
-    `options` are those of `self_excitation`.
+    `measured` contains the errors of each model by name, such as errors of frequency and amplitude of a transient or limit cycle.
+    `options` are options of `self_excitation`.
     """
     if len(measured) != len(reduced):
         raise InputError(f"measured must have one entry per reduced model, {len(reduced)}, not {len(measured)}")
@@ -253,7 +254,7 @@ def table_rows(full: Substructure, reduced: Sequence[Substructure], contacts: Co
 
 
 def _upper(modes: ComplexModes) -> tuple[Array, Array, Array]:
-    """λ with Im λ ≥ 0 without rigid motion, ascending; their shapes; which certainly grow, even above the cut-off."""
+    """λ with Im λ ≥ 0 without rigid motion, by ascending Im λ; their shapes; which certainly grow, even above the cut-off."""
     keep = np.flatnonzero(listed(modes))
     keep = keep[np.argsort(modes.eigenvalues[keep].imag, kind="stable")]
     grows = np.array([modes.stable[i] is False for i in keep], dtype=bool)

@@ -45,7 +45,7 @@ class Spectrum(Displayed):
         return [Table("spectrum", rows, ["omega", column("amplitude", form=".4g")], "Peaks")] if rows else []
 
     def chart(self, title: str = "Spectrum") -> Chart:
-        """The amplitude over ω, its peaks marked."""
+        """The amplitude over ω, with marks at its peaks."""
         return spectrum_chart(self, title)
 
     def __repr__(self) -> str:
@@ -78,7 +78,7 @@ class Spectrogram(Displayed):
 class Growth:
     """x ≈ a exp(rate t) cos(omega t + φ): `rate` fitted to the logarithms of the peaks of |x| over `between`.
 
-    `spread` is the standard error of the rate. A large one means that the growth was not exponential.
+    `spread` is the standard error of the rate. A large `spread` means that the growth was not exponential.
     """
 
     rate: float
@@ -91,13 +91,13 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
              floor: float = 0.01) -> Spectrum:
     """The amplitude spectrum of a signal with a Blackman window, and its highest peaks.
 
-    Listed are the `count` highest peaks of at least `floor` times the highest. With a floor below 0.0013 the side lobes of
-    the window appear as peaks.
+    The `count` highest peaks are listed, if their height is at least `floor` times the highest. With a floor below 0.0013 the
+    side lobes of the window appear as peaks.
 
     Raises
     ------
     InputError
-        Fewer than 32 points, or no uniform grid.
+        Fewer than 32 points, a time and a signal of different lengths, a floor outside 0 to 1.
 
     Examples
     --------
@@ -222,7 +222,7 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
 
 
 def period_near(t: Array, signal: Array, guess: float) -> float:
-    """The T within 3 % of a guess at which x(t + T) is nearest to x(t): few periods are enough for it."""
+    """The period T within 3 % of a guess for which x(t + T) is nearest to x(t). A few periods of the signal are enough."""
     trial = guess * np.linspace(0.97, 1.03, 1201)
     early = t[t <= t[-1] - trial[-1]]
     first = np.interp(early, t, signal)

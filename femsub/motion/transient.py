@@ -56,9 +56,9 @@ TIGHTEST = 1e-13  # smallest relative tolerance of an integration; below it roun
 class EnergyBalance:
     """The energy balance work = dissipation + change: ∫ fᵀWᵀq̇ dt = ∫ q̇ᵀDq̇ dt + Δ(½q̇ᵀMq̇ + ½qᵀKq), and its `residual`.
 
-    `residual` is that of the motion about steady sliding. Work and change have in common what the friction of steady sliding does
-    on the way; this part is left out. The rest is relative to the largest of the three terms, and to at least a millionth of the
-    energy of the motion.
+    `residual` is the residual of the motion about steady sliding. The work of the friction in steady sliding is part of both
+    `work` and `change`, and is left out of the residual. It is relative to the largest of the three remaining terms, and to at
+    least a millionth of the energy of the motion.
     """
 
     work: float
@@ -102,11 +102,11 @@ class Transient(Displayed):
     effort : Effort
     error : float or None
         The sum of the local errors of the velocities, relative to the size of the motion: an estimate of the error at the end.
-        It assumes that disturbances grow or decay like the motion. On a limit cycle the error is mostly a shift in time. The
-        energy balance does not show it. None for SciPy's integrators, which do not report local errors.
+        It assumes that disturbances grow or decay like the motion. On a limit cycle the error is mostly a shift in time, which
+        the energy balance does not show. None for SciPy's integrators, which do not report local errors.
     rounding : float
-        The share of the motion at the start that rounding in the displacement of a given `start` may be. A motion that is small
-        beside the static deflection is known to that share only. 0 after an impulse, however small it is.
+        The largest rounding in the displacement of a given `start`, relative to the motion at the start. It limits the accuracy
+        of a motion that is small compared with the static deflection. 0 after an impulse of any size.
 
     Examples
     --------
@@ -142,7 +142,7 @@ class Transient(Displayed):
                 f"{wrong}energy balance to {self.energy.residual:.0e}")
 
     def whole(self) -> Transient:
-        """Itself; if it was interrupted, the interruption goes on to the caller as KeyboardInterrupt."""
+        """The run itself if it is complete; an interrupted run raises KeyboardInterrupt again."""
         if not self.complete:
             raise KeyboardInterrupt
         return self
@@ -161,9 +161,9 @@ class Transient(Displayed):
         return self._recorded(self.velocities, name)
 
     def seen(self, port: str = "", window: tuple[float, float] | None = None, kind: str = "full") -> Track:
-        """The velocity at a port, by default the first one recorded, and its spectrum in a window, by default the last quarter.
+        """The velocity at a port, by default the first port recorded, and its spectrum in a window, by default the last quarter.
 
-        `kind` is the key of the model in charts of several. A port of several columns is seen by its first.
+        `kind` is the key of the model in charts of several models. Of a port of several columns, the first column is used.
         """
         v = self.velocity(port or next(iter(self.velocities)))
         v = v if v.ndim == 1 else v[:, 0]
@@ -174,7 +174,7 @@ class Transient(Displayed):
                      self.contact.belts[0].speed if self.contact.belts else None)
 
     def tables(self) -> list[Table]:
-        """A row for each recorded time, with the displacement and the velocity at each port; it is not printed."""
+        """A table with a row for each recorded time, with the displacement and the velocity at each port; it is not printed."""
         columns = {"t": self.t}
         for what, histories in (("u", self.displacements), ("v", self.velocities)):
             for name, values in histories.items():
@@ -185,9 +185,9 @@ class Transient(Displayed):
         return [Table("motion", rows, title="Motion in time")] if rows else []
 
     def chart(self, title: str = "Motion in time", port: str = "", window: tuple[float, float] | None = None) -> Chart:
-        """The velocity at a port, by default the first one recorded: all of it, its last periods, its spectrum in a window.
+        """The velocity at a port over the whole run and in its last periods, and its spectrum in a window.
 
-        The window is by default the last quarter.
+        By default the first port recorded, and the last quarter of the run as window.
         """
         return motion_chart(self.seen(port, window, self.contact.kind), title)
 
@@ -221,8 +221,8 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     model : Substructure
         Full or reduced; M must not be singular.
     contacts : Belt or another contact, or a sequence of them
-        On any ports, of one or several columns. A belt needs a friction law, another contact `exerted` and `tangents` (see
-        `femsub.model.contact.Contact`). Contacts of surfaces, such as `FrictionContact`, will do as well.
+        On any ports, of one or several columns. A belt needs a friction law, another contact needs `exerted` and `tangents` (see
+        `femsub.model.contact.Contact`). Contacts of surfaces, such as `FrictionContact`, are accepted as well.
     time : (t0, t1)
         Start and end.
     start : State, optional
@@ -231,15 +231,15 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         The impulse (mass · length / time), by default 1e-3 on the first contact's port. The same impulse is the same physical
         disturbance for every model, see `Sliding.impulse`.
     ports : sequence of str
-        Ports to record besides those of the contacts.
+        Further ports to record. The ports of the contacts are always recorded.
     step, samples, record_from
-        The grid: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1. Default:
-        16 points per period of the highest mode, at most 200,000 in total; 2,000 for a sparse model.
+        The grid of recorded times: from record_from (default t0) in steps of `step`, or in `samples` equal intervals up to t1.
+        Default: 16 points per period of the highest mode, at most 200,000 in total; 2,000 for a sparse model.
     record : str
         'ports', or 'states' for all coordinates as well (2 n numbers per point).
     tol : float
-        Bound of the local error: tol times (value + scale). The scale of velocities is the smaller of the belts' speed and the
-        motion's. See `first_order` (default 1e-9) and `generalised_alpha` (default 1e-5).
+        Bound of the local error: tol times (value + scale). The scale of velocities is the belts' speed or the motion's speed,
+        whichever is smaller. See `first_order` (default 1e-9) and `generalised_alpha` (default 1e-5).
     method : str
         'lsoda', 'dop853', 'radau', 'bdf' (SciPy's) for dense models, 'alpha' (the generalised-α method) for sparse ones; 'auto'
         is lsoda for dense models and sparse ones of up to 300 DOF.
@@ -277,7 +277,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         raise InputError(f"tol must lie between {TIGHTEST:g} and 1e-2, not {tol!r}")
     choice("record", record, ("ports", "states"))
     whole = record == "states"
-    # the recorded columns, (n, c), the last n a unit matrix with `whole`; and the place of each port, an index or a slice
+    # the recorded columns (n, c), with `whole` a unit matrix as the last n; and the place of each port, an index or a slice
     asked = [word("ports", name) for name in items("ports", ports, "names of ports")]
     loads = {name: model.port(name) for name in (*contact.ports, *asked)}
     widths = np.cumsum([0, *(column[0].size for column in loads.values())]).tolist()
@@ -309,7 +309,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         for times, wanted in _stretches(t0, t1, grid, flow.stretch):
             q, v = flow.advance(times)
             parts.append((q[wanted], v[wanted]))
-            if clock.perf_counter() - reported > 0.3:  # seconds: some three lines in each can be read
+            if clock.perf_counter() - reported > 0.3:  # seconds: about three lines per second can be read
                 reported = clock.perf_counter()
                 report(f"t = {flow.t:.6g} of {t1:g}")
     q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
@@ -317,7 +317,7 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     largest = max(abs(work), abs(loss), abs(change), 1e-6 * energy)
     balance = EnergyBalance(work + common, loss, change + common, abs(work - loss - change) / largest if largest else 0.0)
     rounding = 0.0
-    if start is not None:  # EPS (qᵀKq)^½ over the motion at the start, a speed, both in energy
+    if start is not None:  # EPS (qᵀKq)^½ over the motion at the start; both are the square root of an energy
         place = first.displacement
         least = EPS * float(np.sqrt(max(place @ (model.K @ place), 0.0)))
         rounding = least / flow.begins if flow.begins else np.inf if least else 0.0
@@ -367,10 +367,10 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
 
 
 def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
-    """Times to integrate in one call, each from the end of the last, and which of them are recorded.
+    """Yields the times of each call of the integrator, from the end of the last call on, and which of them are recorded.
 
-    The ends are points of the grid, once there is one. They depend on the grid and the model only, so a run can be repeated
-    exactly.
+    From the first point of the grid on, each call ends at a point of the grid. The calls depend on the grid and the model only,
+    so a run can be repeated exactly.
     """
     for pair in pairwise(np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)):
         yield np.array(pair), np.zeros(2, dtype=bool)

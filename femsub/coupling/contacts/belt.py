@@ -2,8 +2,8 @@
 
 The sign convention: the belt drags the mass along, so the friction force acts on the right-hand side,
 M ẍ + P ẋ + Q x = w F μ(v0 - wᵀẋ). Linearised about steady sliding this gives **D = P + F μ'(v0) w wᵀ**. A falling
-characteristic (μ' < 0) reduces the damping. The paper's eq. (1), read literally, has the opposite sign. With that sign
-its Fig. 4 could not be unstable.
+characteristic (μ' < 0) reduces the damping. The paper's eq. (1), read literally, has the opposite sign. With that sign,
+the system of its Fig. 4 would be stable.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from femsub.model import Substructure
 
 Scalar = Callable[[float], float]
-STICKING = 3.0  # times ε: slower sliding counts as sticking; the arctan law has reached 80 % of its plateau there
+STICKING = 3.0  # sliding slower than 3 ε counts as sticking: the arctan law reaches 80 % of its plateau there
 
 
 class FrictionLaw(Protocol):
@@ -31,18 +31,18 @@ class FrictionLaw(Protocol):
     A law has `value` and `slope`. Make it a frozen dataclass, so that it can be compared, changed by `replace` and pickled.
 
     ===========================  ==========================================================================================
-    value(v), slope(v)           μ and μ' = dμ/dv of a float or an array, in its shape. μ' must be that of μ: `Belt` compares
-                                 them at its speed. At a jump of μ', the mean of both sides.
+    value(v), slope(v)           μ and μ' = dμ/dv for a float or an array v, in the shape of v. μ' must be the derivative of μ:
+                                 `Belt` compares them at its speed. At a jump of μ', return the mean of both sides.
     eps, a number above 0        the width of the transition from sticking to sliding, as a speed: |v0 - v| ≤ 3 ε counts as
                                  sticking. Harmonic balance starts with larger values, ``replace(law, eps=...)``. A law without
                                  eps is used as it is, and sticking cannot be detected.
     scalar()                     (μ, μ') as fast functions of one float, for the integrators
-    with_slope(slope, speed)     the law with another μ'(speed), for branches over the slope; without it they are refused
-    knots, numbers               speeds at which μ' has a kink or a jump, as those of a table; looked at by `critical_value`
+    with_slope(slope, speed)     the law with another μ'(speed), for branches over the slope, which are refused without it
+    knots, numbers               speeds at which μ' has a kink or a jump, such as those of a table, for `critical_value`
     label                        the name in figures; by default the key
     ===========================  ==========================================================================================
 
-    Only the first line is required. Scenes know a law by its key in `LAWS`, and create it as ``LAWS[key](eps=...)``.
+    Only the first line is required. Scene files refer to a law by its key in `LAWS`; it is created as ``LAWS[key](eps=...)``.
     """
 
     def value(self, v: Any) -> Any: ...
@@ -88,7 +88,7 @@ class StribeckArctan:
     def __post_init__(self) -> None:
         for name in ("eps", "coulomb", "drop", "decay"):
             finite_number(name, getattr(self, name))
-        narrowest = sys.float_info.min ** (1 / 3)  # the third derivative of the law is a finite number
+        narrowest = sys.float_info.min ** (1 / 3)  # above it, the third derivative of the law is a finite number
         if self.eps < narrowest:
             raise InputError(f"eps must be positive, at least {narrowest:.1g}, not {self.eps!r}: it is the width of the "
                              "transition")
@@ -107,7 +107,7 @@ class StribeckArctan:
 
     def _formulas(self, atan: Callable[..., Any], exp: Callable[..., Any],
                   sign: Callable[..., Any]) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-        """μ(v), and μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|), by functions of NumPy or of floats."""
+        """μ(v), and μ'(v) = c (2/π) ε/(ε² + v²) - d r sign(v) exp(-r|v|), with functions of NumPy or of floats."""
         c, eps, drop, decay = self.coulomb * 2 / math.pi, self.eps, self.drop, self.decay
 
         def value(v: Any) -> Any:
@@ -120,7 +120,7 @@ class StribeckArctan:
         return value, slope
 
     def with_slope(self, slope: float, speed: float) -> Self:
-        """The law with d chosen such that μ'(speed) = slope; ε, c and r stay. μ' is linear in d.
+        """The law with d chosen so that μ'(speed) = slope; ε, c and r do not change. μ' is linear in d.
 
         Raises
         ------
@@ -141,7 +141,7 @@ class StribeckArctan:
 class StribeckArctanOdd(StribeckArctan):
     """The odd variant of the paper's friction law: μ(v) = (c + d exp(-r|v|)) (2/π) arctan(v/ε), with μ(-v) = -μ(v).
 
-    Parameters and errors are those of `StribeckArctan`, the paper's eq. (7).
+    For parameters and errors see `StribeckArctan`, the paper's eq. (7).
 
     Examples
     --------
@@ -183,12 +183,12 @@ def scalar_law(law: FrictionLaw) -> tuple[Scalar, Scalar]:
 
 
 def _sign(v: float) -> float:
-    """The sign of one float, 0 at 0; NumPy's takes several times as long."""
+    """The sign of one float, 0 at 0; NumPy's function takes several times as long."""
     return math.copysign(1.0, v) if v else 0.0
 
 
 def asked(law: FrictionLaw | None, name: str, v: Any, function: Callable[[Any], Any] | None = None) -> Any:
-    """`law.value(v)` or `law.slope(v)`, by its name; what your own law raises is reported with the law and the speed."""
+    """`law.value(v)` or `law.slope(v)`, by its name. An error in a law of your own is reported with the law and the speed."""
     try:
         return (getattr(law, name) if function is None else function)(v)
     except FemsubError:
@@ -208,19 +208,19 @@ def _number(law: FrictionLaw, name: str, v: float) -> float:
 
 
 def width_of(law: Any) -> float:
-    """ε of a law; NaN where it has none."""
+    """ε of a law; NaN if the law has no ε."""
     eps = getattr(law, "eps", None)
     usable = isinstance(eps, (int, float, np.integer, np.floating)) and not isinstance(eps, bool) and 0 < eps < np.inf
     return float(eps) if usable else np.nan  # type: ignore[arg-type]
 
 
 def knots_of(law: Any) -> Array:
-    """The speeds at which a law says that μ' has a kink or a jump."""
+    """The speeds at which μ' has a kink or a jump, as the law declares."""
     return np.ravel(real_array(f"the knots of {type(law).__name__}", getattr(law, "knots", ())))
 
 
 def with_slope(law: Any, slope: float, speed: float) -> Any:
-    """The law with another μ'(speed); an InputError for one that has no `with_slope`."""
+    """The law with another μ'(speed); an InputError if the law has no `with_slope`."""
     if not callable(getattr(law, "with_slope", None)):
         raise InputError(f"the slope cannot be varied: {type(law).__name__} has no with_slope(slope, speed)")
     return law.with_slope(slope, speed)
@@ -234,13 +234,13 @@ class SlopeOfLaw(float):
 class Belt:
     """A belt that slides over a port w at speed v0 under a normal force F: D = P + F μ'(v0) w wᵀ.
 
-    A changed copy, such as ``dataclasses.replace(belt, speed=0.3)``, computes the slope from the law again. A slope that you
-    gave stays. If there is a law as well, the slope must agree with it.
+    A changed copy, such as ``dataclasses.replace(belt, speed=0.3)``, computes the slope from the law again. A slope given by you
+    does not change. If there is a law as well, the slope must agree with it.
 
     Parameters
     ----------
     port : str
-        The port it acts on.
+        The port that the belt acts on.
     force : float
         Normal force F, not negative.
     speed : float, optional
@@ -301,7 +301,7 @@ class Belt:
 
     @property
     def affine(self) -> tuple[str, ...]:
-        """F μ' is affine in each factor. Over the speed a law is no straight line; without a law the speed has no effect."""
+        """F μ' is affine in each factor. With a law it is not affine in the speed; without a law the speed has no effect."""
         return ("force", "slope", *(("speed",) if self.law is None else ()))
 
     @property
@@ -310,13 +310,13 @@ class Belt:
         return {} if self.law is None else {"speed": self.law.slope}
 
     def kinks(self, parameter: str) -> tuple[float, ...]:
-        """The knots of the law, for the speed; a law with a width ε that names none changes most at 0."""
+        """The knots of the law over the speed. For a law with a width ε and without knots, the speed 0, where μ' changes most."""
         if parameter != "speed" or self.law is None:
             return ()
         return tuple(knots_of(self.law).tolist()) or (() if np.isnan(width_of(self.law)) else (0.0,))
 
     def linearised(self, model: Substructure) -> tuple[float, None]:
-        """(F μ'(v0), None): each column of the port is a contact by itself, see `femsub.model.contact.Contact`."""
+        """(F μ'(v0), None): each column of the port is a separate contact, see `femsub.model.contact.Contact`."""
         return self.force * float(self.slope or 0.0), None
 
     def in_motion(self, model: Substructure) -> Self:
@@ -346,7 +346,7 @@ class Belt:
         return asked(self.law, "slope", v)
 
     def sticks(self, v: Any, multiple: float = STICKING, below: float | None = None) -> Any:
-        """Where |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with v the speed under the belt; bool, in the shape of v.
+        """Whether |v0 - v| ≤ multiple · ε of the law, or ≤ `below`, with the velocity v of the port; bool, in the shape of v.
 
         Raises
         ------
@@ -362,7 +362,7 @@ class Belt:
 def _consistent_slope(law: FrictionLaw, speed: float, tol: float = 0.01) -> float:
     """μ'(v0) of a law, checked against difference quotients of its values μ(v0 ± h) for several steps h, to `tol`.
 
-    No step reaches beyond a knot of the law. Beside a jump that is no knot the quotient of one side may agree alone.
+    No step reaches beyond a knot of the law. At a jump that is not a knot, it suffices if the quotient of one side agrees.
     """
     slope = _number(law, "slope", speed)
     if speed == 0 or not np.isfinite(slope):

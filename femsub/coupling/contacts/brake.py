@@ -1,4 +1,4 @@
-"""A disc brake of three meshes in one frame, of bricks of 20 nodes: disc with its hat, two pads. Gmsh is not needed."""
+"""A disc brake of three meshes in one coordinate system: a disc with hat, and two pads, of 20-node bricks, without Gmsh."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from femsub.components import Mesh, ring
 
 Cuts = tuple[float, ...]
 
-RADII: Cuts = (0.035, 0.075, 0.083, 0.095, 0.145, 0.15)  # of the disc: hub, wall of the hat, ring with its track, in m
-HEIGHTS: Cuts = (-0.006, 0.006, 0.036, 0.044)  # of the ring, and of the flange of the hat
+RADII: Cuts = (0.035, 0.075, 0.083, 0.095, 0.145, 0.15)  # of the disc, in m: hub, wall of the hat, ring with its track
+HEIGHTS: Cuts = (-0.006, 0.006, 0.036, 0.044)  # of the ring, and of the flange of the hat, in m
 PAD_RADII: Cuts = (0.094, 0.098, 0.142, 0.146)  # the lining is between the inner two
 PAD_ANGLES: Cuts = (-33.0, -30.0, 30.0, 33.0)  # degrees
-PAD_DEPTHS: Cuts = (0.006, 0.017, 0.022)  # of the lining's face, the back plate and its back
+PAD_DEPTHS: Cuts = (0.006, 0.017, 0.022)  # of the lining's face, and of both faces of the back plate, in m
 
 
 def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
-    """The meshes 'disc', 'inboard' and 'outboard', in m, with the axis along z. They are those of meshes/, made without Gmsh.
+    """The meshes 'disc', 'inboard' and 'outboard', in m, with the axis along z: the brake of meshes/, made without Gmsh.
 
-    Elements are about `size` long, those of the pads 0.8 of it, so that the faces of disc and pads do not match. The disc has
-    the sets hub, rim, inboard and outboard (its tracks); a pad face, back, leading and trailing, and the groups lining, plate.
+    Elements are about `size` long in the disc and 0.8 `size` in the pads, so that their faces do not match. The disc has the sets
+    hub, rim, inboard and outboard (its tracks). A pad has the sets face, back, leading and trailing, and the groups lining and
+    plate.
     """
     positive_number("size", size)
     around = (RADII[2] + RADII[-1]) / 2 * np.pi / 2
@@ -51,7 +52,7 @@ def brake_meshes(size: float = 0.025) -> dict[str, Mesh]:
 
 
 def _bricks(name: str, radii: Cuts, angles: Cuts, heights: Cuts, size: float, length: float) -> Mesh:
-    """An annulus or a sector whose bricks end at the given cuts; `length` is that of the widest span of angles."""
+    """An annulus or a sector whose bricks end at the given cuts. `length` is the arc length of the widest span of angles."""
     widest = max(end - start for start, end in pairwise(angles))
     counts = [[max(1, round((end - start) * scale / size)) for start, end in pairwise(cuts)]
               for cuts, scale in ((radii, 1.0), (angles, length / widest), (heights, 1.0))]
@@ -69,7 +70,7 @@ def _middles(mesh: Mesh) -> tuple[Array, Array]:
 
 
 def _kept(mesh: Mesh, cells: Array, **groups: Array) -> Mesh:
-    """The mesh of some cells, without the nodes of none, and groups of them."""
+    """The mesh of some cells, without unused nodes, and with groups of these cells."""
     nodes, places = np.unique(mesh.cells[cells], return_inverse=True)
     named = {name: np.flatnonzero(chosen[cells]) for name, chosen in groups.items()}
     return Mesh(mesh.points[nodes], places.reshape(-1, mesh.cells.shape[1]), mesh.kind, groups=named, name=mesh.name)

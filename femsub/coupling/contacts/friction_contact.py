@@ -1,6 +1,6 @@
 """`FrictionContact`: Coulomb friction between surfaces that slide on each other, integrated over meshes that need not match.
 
-`FrictionInMotion` is what it exerts in motion on one model, nonlinear, with its tangents.
+`FrictionInMotion` is its nonlinear force on one model in motion, with the tangents of the force.
 """
 
 from __future__ import annotations
@@ -48,72 +48,74 @@ from femsub.model import TRANSLATIONS, DofMap, Substructure
 
 @dataclass(frozen=True, eq=False)
 class FrictionContact(Joint):
-    """Coulomb friction between a surface and a second one, or a rigid body, that slides on it.
+    """Coulomb friction between a surface and a second surface, or a rigid body, that slides on it.
 
-    About steady sliding, with the unit normal n into the first body and t, the direction in which the second moves against it:
+    About steady sliding, with the unit normal n into the first body and the direction t of the second body's relative motion:
 
     ΔK = ∫ k N Nᵀ + μ k T Nᵀ dA,  ΔD = ∫ μ' p T Tᵀ + (μ p / V) S Sᵀ dA
 
-    Nᵀu, Tᵀu and Sᵀu are the components along n, t and s = n × t of u_first - u_second. The pressure is p - k Nᵀu. It acts on the
-    first body with the force (p - k Nᵀu)(n + μ t), and on the second with the opposite one. So friction makes K unsymmetric
+    Nᵀu, Tᵀu and Sᵀu are the components along n, t and s = n × t of u_first - u_second. The pressure is p - k Nᵀu. The force
+    (p - k Nᵀu)(n + μ t) acts on the first body, and the opposite force on the second. So friction makes K unsymmetric
     (circulatory). The last term is the damping by friction itself: a velocity along s turns the direction of sliding. It needs V.
-    With a second body that turns, K has in addition -∫ (μ p / r) S Rₛᵀ + μ' p Ω T Rₜᵀ dA, where Rₛ and Rₜ are the components of
+    If the second body turns, K also contains -∫ (μ p / r) S Rₛᵀ + μ' p Ω T Rₜᵀ dA, where Rₛ and Rₜ are the components of
     ∂u₂/∂θ + e × (u₁ - u₂): the material of the second body moves through the contact.
 
     These are the derivatives of the force (p - k Nᵀu)(n + μ(|v|) v/|v|), where v is the sliding velocity in the surface. The
-    surfaces neither part nor stick. p is the same everywhere and stays with the first surface, so no gradient of p is carried
-    along. Other terms with p but without k are left out. At a wavelength L they are about p / (k L) of those with k. A surface
-    that tilts or stretches turns n and t and changes the area (follower forces). Two bodies that move apart in the surface meet
-    at another place of the second. With a `direction` the material of the second body is not carried through the contact.
+    surfaces neither separate nor stick. p is uniform and moves with the first surface, so there are no terms of its gradient.
 
-    In motion (`transient`, `harmonic_balance`, `shoot`) that force acts as it stands, less its value in steady sliding, from
-    which displacements are counted. If a pressure is given, the surfaces part where it would become negative. Below 1 % of V the
-    friction is proportional to the sliding velocity, in place of sticking.
+    Other terms with p but without k are neglected. At a wavelength L they are about p / (k L) of the terms with k. They come from
+    surfaces that tilt or stretch, which turns n and t and changes the area (follower forces). They also come from bodies that
+    move relative to each other in the surface, which meet at other places. With a `direction`, the motion of the second body's
+    material through the contact is neglected, too.
 
-    A friction contact is also a joint without equations: among the joints of `couple` it says which parts meet, and a part that
-    nothing else holds to the others is taken. The contact itself is given to the analysis.
+    In motion (`transient`, `harmonic_balance`, `shoot`) this force acts without linearisation, less its value in steady sliding.
+    Displacements are measured from steady sliding. If a pressure is given, the surfaces separate where the pressure would become
+    negative. Below 1 % of V, friction is proportional to the sliding velocity and replaces sticking.
+
+    A friction contact is also a joint without equations. Among the joints of `couple` it declares which parts meet, so `couple`
+    accepts a part that no other joint connects. The contact itself must be given to the analysis as well.
 
     The integrals are taken over the common parts of the faces of both surfaces. The contact acts on the interface DOF of both
-    sets, so that every basis that keeps these sets as interface represents it without error.
+    sets, so every basis that keeps these sets as interface represents it without error.
 
     Parameters
     ----------
     first, second : str
-        Interface sets, as 'pad.face' of a system; or 'ground' as the second, for a rigid body. The integrals run over the first:
-        give the smaller one.
+        Interface sets, as 'pad.face' of a system; or 'ground' as the second, for a rigid body. The integrals run over the first
+        surface: give the smaller surface first.
     meshes : mapping of str to Mesh, or Mesh
-        The meshes of both parts by their names, 'pad'. For a single part its mesh. A `Facing` in place of the first stands for
-        both surfaces, meshes and tol.
+        The meshes of both parts by the parts' names, as 'pad'. For a single part its mesh. A `Facing` as `first` replaces both
+        surfaces, meshes and tol.
     stiffness : float
         k, normal stiffness per area (force / length³).
     mu : float
         Coefficient of friction μ, not negative.
     pressure : float
-        p, the pressure of steady sliding (force / area), for the terms of ΔD.
+        p, the pressure in steady sliding (force / area), for all terms without k.
     direction : array_like, shape (3,), optional
-        Direction in which the second body moves.
+        The direction in which the second body moves.
     axis : array_like, shape (3,), optional
-        In its place: the axis about which the second body turns, in the sense of a right-handed screw.
+        Instead of `direction`: the axis about which the second body turns, in the sense of a right-handed screw.
     centre : array_like, shape (3,)
-        A point of the axis; by default the origin.
+        A point on the axis; by default the origin.
     speed : float, optional
-        V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without it only the terms of k are there.
+        V (length / time), or with an axis Ω (rad / time), where V = Ω r. Without a speed only the terms with k exist.
     slope : float
         μ' = dμ/dV (time / length), by default 0.
     tol : float, optional
-        Largest distance of the surfaces, in units of length; by default 0.05 of the size of a face.
+        Largest distance between the surfaces, in units of length; by default 0.05 of the size of a face.
 
     Raises
     ------
     InputError, InputTypeError
-        μ < 0, p < 0, k ≤ 0; both direction and axis or neither; a velocity that is normal to the surface; surfaces that do not
-        touch or do not face each other; an unknown set, when the contact is used.
+        μ < 0, p < 0, k ≤ 0; both direction and axis, or neither. When the contact is used: a velocity that is normal to the
+        surface; surfaces that do not touch or do not face each other; an unknown set.
 
     Warns
     -----
     PortWarning
-        A part of the first surface does not touch the second, when the contact is used. The axis is oblique to the surface, so
-        that the second body moves along the normal.
+        When the contact is used: a part of the first surface does not touch the second; the axis is oblique to the surface, so
+        that the second body also moves along the normal.
 
     References
     ----------
@@ -192,18 +194,18 @@ class FrictionContact(Joint):
 
     @property
     def affine(self) -> tuple[str, ...]:
-        """μ, k, p and μ' are factors, each alone; V divides a term, which is there with μ and p only."""
+        """μ, k, p and μ' are factors of terms. V divides a term that exists only if μ and p are not 0."""
         free = self.speed is None or not self.pressure or not self.mu
         return ("mu", "stiffness", "pressure", "slope", *(("speed",) if free else ()))
 
     @property
     def affine_through(self) -> dict[str, tuple[Callable[[Any], Any] | None, ...]]:
-        """1/V multiplies the damping by friction itself, and Ω what μ' does to the material that moves through the contact."""
+        """1/V is a factor of the damping by friction itself. Ω is a factor of the term with μ' in K, if the second body turns."""
         carried = self.axis is not None and self.slope
         return {"speed": tuple(of for of, there in ((np.reciprocal, self.mu), (None, carried)) if there)}
 
     def link(self, parts: Mapping[str, Substructure]) -> Link:
-        """No equation and no spring: among the joints of `couple` it says that these parts meet, and checks that they do."""
+        """A `Link` without equations and springs: it declares that these parts meet. Whether they touch is checked here."""
         owners = [name.partition(".")[0] for name in self.sets]
         for owner in owners:
             if owner not in parts:
@@ -212,9 +214,9 @@ class FrictionContact(Joint):
         return Link(motions={owner: sp.csr_array((0, parts[owner].size)) for owner in owners}, grounded=self.second == GROUND)
 
     def linearised(self, model: Substructure) -> tuple[Matrix | None, Matrix]:
-        """(C_D, C_K), sparse, shape (p, p), on the DOF of both sets: at rest, minus the tangents of what it exerts in motion.
+        """(C_D, C_K), sparse, (p, p), on the DOF of both sets: minus the tangents of the force in motion, at steady sliding.
 
-        K = k (A + μ B) + p (μ C + μ' Ω E) and D = p (μ/Ω F + μ' G), of which the matrices A to G are kept.
+        C_K = k (A + μ B) + p (μ C + μ' Ω E) and C_D = p (μ/Ω F + μ' G). The matrices A to G are kept for later calls.
         """
         points = self._points()
         sides = [model.sets[name].tobytes() if name in model.sets else None for name in self.sets]
@@ -230,7 +232,7 @@ class FrictionContact(Joint):
             (A,), (both,) = (replace(still, mu=mu).at_rest() for mu in (0.0, 1.0))
             pressed = [A, both - A]
             moving = [replace(exerting, stiffness=0.0, mu=mu, slope=1.0 - mu).at_rest() for mu in (1.0, 0.0)] if slides else []
-            assert dofs is not None  # its places are known, or the motions had refused it
+            assert dofs is not None  # otherwise `_motions` has raised an error
             points.terms[dofs] = key, pressed, moving
         K = float(self.stiffness) * (pressed[0] + float(self.mu) * pressed[1])
         if not slides:
@@ -251,9 +253,10 @@ class FrictionContact(Joint):
                                 float(self.stiffness), float(self.pressure), float(self.mu), float(self.slope))
 
     def sliding(self, model: Substructure) -> tuple[Matrix, Matrix, Array] | None:
-        """N and T at the points of contact (q, p), and the second body's own motion S (p, m); None without friction.
+        """N and T at the points of contact (q, p), and the sliding motion S (p, m) of the second body; None without friction.
 
-        It says what the contact holds, what it pushes, and which rigid motion is the sliding itself (`Substructure.check_held`).
+        `Substructure.check_held` needs them: the contact resists motions along N, friction drives motions along T, and S is the
+        steady sliding itself. None also if the rigid motion of a DOF is not known.
         """
         if not self.mu:
             return None
@@ -270,20 +273,20 @@ class FrictionContact(Joint):
         return N, T, np.append(np.zeros(len(model.sets[self.first])), dofs.rigid(np.asarray(self.centre)) @ way)[:, None]
 
     def in_motion(self, model: Substructure) -> FrictionInMotion:
-        """What it exerts in motion on a model, for `transient` and limit cycles."""
+        """The force of the contact on a model in motion, for `transient` and limit cycles."""
         points = self._points()
         return self._exerting(model, points, *self._directions(points)).dense()
 
     def patch_loads(self, model: Substructure, degree: int) -> Array:
         """Forces (n, k) of smooth tractions along n and t on the first surface: ∫ N P_j dA and ∫ T P_j dA, for all j.
 
-        P_j are the products of Legendre polynomials up to `degree` in two coordinates of the patch. As ports they bring the
-        static responses to what the second surface will do into the basis of the first body: few shapes for many DOF.
+        P_j are products of Legendre polynomials up to `degree` in two coordinates of the patch. Used as ports, they add to the
+        first body's basis its static responses to the tractions of the second surface: few shapes for many DOF.
         """
         points = contact_points(self._mesh(self.first), None, self.tol)
         move = _moved(model, self.first, points.first, points.first.N)
         x = points.x - np.average(points.x, axis=0, weights=points.weight)
-        axes = np.linalg.eigh(x.T @ (points.weight[:, None] * x))[1]  # the last is the longest
+        axes = np.linalg.eigh(x.T @ (points.weight[:, None] * x))[1]  # in ascending order of extent; the first is the normal
         legendre = [np.polynomial.legendre.legvander(2 * (at - at.min()) / np.ptp(at) - 1, degree) for at in (x @ axes[:, 1:]).T]
         P = np.stack([legendre[0][:, i] * legendre[1][:, j] for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
         n, t, *_ = self._directions(points)
@@ -306,9 +309,9 @@ class FrictionContact(Joint):
         return self.meshes[owner], key, name
 
     def _directions(self, points: Points, oblique: float = 0.02) -> tuple[Array, Array, Array, Array]:
-        """n, t, s (q, 3), and r (q,), by which Ω is multiplied to be a velocity: 1 without an axis.
+        """n, t, s (q, 3), and the radius r (q,) with V = Ω r; r = 1 without an axis.
 
-        It warns if more than a share `oblique` of the turning second body's velocity is along the normal.
+        Warns if more than the share `oblique` of the turning second body's velocity is along the normal.
         """
         n = points.normal
         turning = self.axis is not None
@@ -322,9 +325,9 @@ class FrictionContact(Joint):
             raise InputError(f"the second body of {self!r} does not slide along the surface at {where}: its velocity is 0 there, "
                              "or normal to it")
         if turning:
-            # The axis must be normal to a flat surface. Else the velocity is compared with the normal face by face: the normals
-            # of flat faces differ from those of the curved surface that they stand for, by as much to either side
-            if np.ptp(n, axis=0).max() < 1e-3:  # flat, but for the digits of the coordinates of small faces
+            # The axis must be normal to a flat surface. On a curved surface, the mean normal velocity of each face is compared:
+            # the normals of flat faces differ from the normals of the curved surface, but the differences cancel in each face.
+            if np.ptp(n, axis=0).max() < 1e-3:  # flat, within the digits of the coordinates of small faces
                 share = float(np.linalg.norm(np.cross(given, n[0])))
                 off = f"{np.degrees(np.arcsin(min(share, 1.0))):.3g} degrees from the normal of this flat surface"
             else:
@@ -362,23 +365,23 @@ class FrictionContact(Joint):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionInMotion:
-    """f(u, v) of a `FrictionContact` about steady sliding, where u = 0, v = 0 and f = 0.
+    """The force f(u, v) of a `FrictionContact` about steady sliding, where u = 0, v = 0 and f = 0.
 
-    At each point the pressure is P = max(p - k Nᵀu, 0), and the second body slides against the first one at the velocity
-    w = (V - Tᵀv + Tᵣᵀu) t - (Sᵀv - Sᵣᵀu) s, with the terms of u for a second body that turns. The force on the first body is
-    P n + μ(|w|) P w/|w|, less its value in steady sliding. Without a speed or a pressure the sliding direction stays t. Without
-    a pressure the surfaces do not part.
+    At each point the pressure is P = max(p - k Nᵀu, 0), and the second body slides on the first body with the velocity
+    w = (V - Tᵀv + Tᵣᵀu) t - (Sᵀv - Sᵣᵀu) s; the terms with u exist if the second body turns. The force on the first body is
+    P n + μ(|w|) P w/|w|, less its value in steady sliding. Without a speed or a pressure, the sliding direction is always t.
+    Without a pressure, the surfaces do not separate.
 
     Attributes
     ----------
     N, T, S : sparse or dense, shape (q, p)
-        The motion at q points along n, t and s.
+        The relative displacements at q points along n, t and s.
     carried : (matrix, matrix) or None
         Tᵣ and Sᵣ (q, p).
     area, speed : ndarray, shape (q,)
-        Areas, and V; the speed is None where the sliding direction does not turn.
+        The area of each point, and V. The speed is None if the sliding direction does not change.
     slow : float
-        Share of V below which friction is proportional to the sliding velocity: its direction has no jump then.
+        Share of V below which friction is proportional to the sliding velocity, so that its direction has no jump.
     """
 
     N: Matrix
@@ -404,7 +407,7 @@ class FrictionInMotion:
                 + self.S.T @ (self.area * (mu * P * across)))
 
     def tangents(self, u: Array, v: Array) -> tuple[Array, Array | None]:
-        """(∂f/∂u, ∂f/∂v), shape (p, p) each; None for 0."""
+        """(∂f/∂u, ∂f/∂v), shape (p, p) each; None for a derivative that is 0 everywhere."""
         of_u, *of_v = (A.toarray() if sp.issparse(A) else A for A in self._derivatives(u, v))
         return of_u, of_v[0] if of_v else None
 
@@ -414,7 +417,7 @@ class FrictionInMotion:
         return [-A for A in self._derivatives(rest, rest)]
 
     def dense(self, most: int = 100_000) -> FrictionInMotion:
-        """The same with dense matrices, if each has `most` numbers or fewer: sparse products of so few take longer."""
+        """The same with dense matrices, if each has at most `most` entries: sparse products of small matrices take longer."""
         if np.prod(self.N.shape) > most:
             return self
         N, T, S, *carried = (A.toarray() for A in (self.N, self.T, self.S, *(self.carried or ())))
@@ -428,7 +431,7 @@ class FrictionInMotion:
             return [self.N.T @ normal + self.mu * (self.T.T @ normal)]
         along, across, slow, mu, moves = self._sliding(u, v)
         P = self.pressure + more
-        turned = mu * P / slow  # of the friction, over a velocity across it
+        turned = mu * P / slow  # derivative of the friction force by a velocity normal to it
         fallen = moves * (self.slope * P - turned)
         blocks = turned + fallen * along**2, fallen * along * across, turned + fallen * across**2
         of_v = -self._squared(blocks, (self.T, self.S))
@@ -438,13 +441,13 @@ class FrictionInMotion:
         return [of_u, of_v]
 
     def _pressed(self, u: Array) -> tuple[Array, Array]:
-        """P - p, and where the surfaces touch."""
+        """P - p, and whether the surfaces touch, at each point."""
         more = -self.stiffness * (self.N @ u)
         touching = more > -self.pressure if self.pressure else np.ones(len(more), dtype=bool)
         return np.where(touching, more, -self.pressure), touching
 
     def _sliding(self, u: Array, v: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """w/|w| along t and s, |w|, μ(|w|), and where |w| is not too small to have a direction."""
+        """The components of w/|w| along t and s, |w|, μ(|w|), and whether |w| is above the limit of `slow`, at each point."""
         assert self.speed is not None
         along, across = self.speed - self.T @ v, -(self.S @ v)
         if self.carried is not None:
@@ -454,11 +457,11 @@ class FrictionInMotion:
         return along / slow, across / slow, slow, self.mu + self.slope * (slow - self.speed), size >= slow
 
     def _by(self, factor: Array, A: Matrix) -> Matrix:
-        """Rows of A times factors and areas."""
+        """The rows of A times factors and areas."""
         return _scaled(factor * self.area, A)
 
     def _squared(self, blocks: tuple[Array, Array, Array], right: tuple[Matrix, Matrix]) -> Matrix:
-        """[T S]ᵀ [[a, b], [b, c]] of the right pair."""
+        """[Tᵀ Sᵀ] [[a, b], [b, c]] times the pair `right`, with areas as weights."""
         a, b, c = blocks
         return self.T.T @ (self._by(a, right[0]) + self._by(b, right[1])) + \
             self.S.T @ (self._by(b, right[0]) + self._by(c, right[1]))
@@ -470,7 +473,7 @@ def _scaled(factor: Array, A: Matrix) -> Matrix:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points of quadrature of two surfaces that touch.
+    """The quadrature points of two surfaces that touch.
 
     Attributes
     ----------
@@ -478,7 +481,7 @@ class Points:
         The second is None for a rigid body.
     x : ndarray, shape (q, 3)
     weight : ndarray, shape (q,)
-        Areas.
+        The area of each point.
     share : float
         The share of the first surface that touches the second.
     """
@@ -488,7 +491,7 @@ class Points:
     x: Array
     weight: Array
     share: float = 1.0
-    #: the matrices of the last contact of each model that is in use, by its DOF, since a sweep makes a contact for each value
+    #: the matrices of the last contact, by the model's DOF map, for sweeps, which make a contact for each value
     terms: WeakKeyDictionary[DofMap, tuple[Any, list[Matrix], list[list[Matrix]]]] = field(default_factory=WeakKeyDictionary)
 
     def without_shapes(self) -> Points:
@@ -504,7 +507,7 @@ class Points:
 
 @lru_cache(maxsize=8)  # a sweep over μ makes a contact for each value, with the same few pairs of surfaces
 def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] | None, tol: float | None) -> Points:
-    """The points of quadrature on the common parts of two surfaces, each given as mesh, set and name.
+    """The quadrature points on the common parts of two surfaces, each given as mesh, set and name.
 
     Raises
     ------
@@ -513,7 +516,7 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
     """
     ours = Surface.of(*first)
     if second is None:
-        s, w = side_quadrature(ours.corners, 4 * reference(ours.kind).degree)  # the degree of N_i N_j, area and all
+        s, w = side_quadrature(ours.corners, 4 * reference(ours.kind).degree)  # the degree of N_i N_j times the area element
         count = len(ours.faces)
         side = Side(ours, np.repeat(np.arange(count), len(w)), np.tile(s, (count, 1)))
         return Points(side, None, side.x, np.tile(w, count) * np.linalg.norm(np.cross(side.J[:, 0], side.J[:, 1]), axis=1))
@@ -532,7 +535,7 @@ def contact_points(first: tuple[Mesh, str, str], second: tuple[Mesh, str, str] |
 
 
 def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix]:
-    """N u at the points for the motions along x, y and z, each (q, p), in the DOF of an interface set."""
+    """The displacements along x, y and z at the points, three matrices (q, p) on the DOF of an interface set."""
     if name not in model.sets:
         raise unknown_name(f"interface set of {model.name!r}", name, model.sets)
     known = model.interface_dofs
@@ -543,5 +546,5 @@ def _moved(model: Substructure, name: str, side: Side, N: Matrix) -> list[Matrix
 
 
 def _along(vectors: Array, motions: list[Matrix]) -> Matrix:
-    """Σ v_i U_i, (q, p): the component along a direction (q, 3)."""
+    """Σ v_i U_i, (q, p): the component of the motions along the directions `vectors` (q, 3)."""
     return sp.csr_array(sum(sp.diags_array(vectors[:, i]) @ motions[i] for i in range(3)))

@@ -4,18 +4,19 @@ With v(t) = Σ_{0<|k|≤H} v_k e^{ikωt} (p,) and f_k the Fourier coefficients o
 
     R_k = v_k - Y(ikω) f_k = 0,  k = 1 … H,   Y(s) = s Wᵀ(s²M + sD + K)⁻¹W
 
-The unknowns are v_k and ω, 2Hp + 1 real numbers for a model of any size. f_k comes by alternating frequency and time: v is
-sampled, f taken there, and both ways are FFTs. Forces that depend on displacements see u_k = v_k / (ikω) and a mean u_0 (p,),
-which is no unknown: it follows from
+The unknowns are v_k and ω, 2Hp + 1 real numbers for a model of any size. f_k is computed by alternating frequency and time: an
+inverse FFT gives samples of v, f is evaluated there, and an FFT gives f_k. Forces that depend on displacements need
+u_k = v_k / (ikω) and a mean u_0 (p,). The mean is not an unknown, but follows from
 
     u_0 = h(0) f_0(u_0, v),   h(0) = WᵀK⁻¹W,
 
-by Newton's method within each evaluation, from the mean of the nearby orbit on. (Else the mean force shifts the mean displacement
-only, and nothing else.) The Jacobian is exact. With G^u_k, G^v_k (p, p) the coefficients of ∂f/∂u and ∂f/∂v, and ũ = u - u_0,
+by Newton's method within each evaluation, which starts from the mean of a nearby orbit. (If forces do not depend on u, the mean
+force only shifts the mean displacement.) The Jacobian is exact. With the coefficients G^u_k, G^v_k (p, p) of ∂f/∂u and ∂f/∂v, and
+with ũ = u - u_0,
 
     δf_k = Σ_j (G^v_{k-j} + G^u_{k-j} / (ijω)) δv_j + (G^v_{k+j} - G^u_{k+j} / (ijω)) δv̄_j + G^u_k δu_0 - (∂f/∂u ũ)_k δω / ω,
 
-δu_0 = (I - h(0) G^u_0)⁻¹ h(0) δf_0 with the other terms of δf_0, and dR/dω = -ik Y'(ikω) f_k at a constant f.
+where δu_0 = (I - h(0) G^u_0)⁻¹ h(0) δf_0 with the other terms of δf_0, and dR/dω = -ik Y'(ikω) f_k at a constant f.
 
 Cameron and Griffin, J. Appl. Mech. 56 (1989) 149 (alternating frequency/time); Krack and Gross, Harmonic Balance for
 Nonlinear Vibration Problems, Springer 2019, ch. 2 to 4 (condensation, continuation).
@@ -37,9 +38,9 @@ from femsub.motion.nonlinear_model import Sliding
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """The unknowns of harmonic balance: v_k (H, p), k = 1 … H, and ω; and the mean u_0 (p,) from which its search begins.
+    """The unknowns of harmonic balance: v_k (H, p), k = 1 … H, and ω; and a mean u_0 (p,), the start of the search for u_0.
 
-    Without a mean the search begins at that of the equilibrium. Forces that do not depend on u need none.
+    Without a mean, the search starts from the equilibrium. Forces that do not depend on u need no mean.
     """
 
     v: Array
@@ -62,7 +63,7 @@ class Orbit:
 
     @property
     def periods(self) -> int:
-        """How often the motion repeats itself within 2π/ω: the common divisor of all k with v_k beyond rounding."""
+        """The number of periods of the motion within 2π/ω: the greatest common divisor of all k with v_k above rounding."""
         size = np.abs(self.v).max(axis=1)
         return max(1, int(np.gcd.reduce(1 + np.flatnonzero(size > EPS**0.5 * size.max()))))
 
@@ -101,7 +102,7 @@ def samples_of(v: Array, count: int) -> Array:
 
 
 def power_of_two(least: int) -> int:
-    """The first power of two from `least` on, the best length for an FFT."""
+    """The smallest power of two that is at least `least`, the best length for an FFT."""
     return 1 << (least - 1).bit_length()
 
 
@@ -111,7 +112,7 @@ def coefficients(samples: Array, count: int) -> Array:
 
 
 class Course(NamedTuple):
-    """u - u_0, v and f at equidistant times of one period, (p, count) each, and u_0 (p,); no u where f does not depend on it."""
+    """u - u_0, v and f at equidistant times of one period, (p, count) each, and u_0 (p,); u is None if f depends on v only."""
 
     u: Array | None
     v: Array
@@ -120,7 +121,7 @@ class Course(NamedTuple):
 
 
 class Terms(NamedTuple):
-    """R (H, p), with Y, dY/dω (H, p, p), f_k (H, p) and the course at the same orbit."""
+    """R (H, p), Y and dY/dω (H, p, p), f_k (H, p) and the course of one orbit."""
 
     R: Array
     Y: Array
@@ -130,7 +131,7 @@ class Terms(NamedTuple):
 
 
 class StepsEndedError(NotConvergedError):
-    """Newton's steps did not become small, or led to steady sliding; `orbit` is where they ended, `residual` ‖R‖/‖v‖ there."""
+    """Newton's steps did not become small, or led to steady sliding. They ended at `orbit`, with `residual` = ‖R‖/‖v‖."""
 
     def __init__(self, message: str, orbit: Orbit, residual: float) -> None:
         super().__init__(message)
@@ -138,13 +139,13 @@ class StepsEndedError(NotConvergedError):
 
 
 class Balance:
-    """R(v, ω) of contacts and one model's compliance, with its derivatives, by up to `most` samples per period."""
+    """R(v, ω) for contacts and the compliance of one model, with its derivatives, from up to `most` samples per period."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance, most: int = 2**17) -> None:
         self.contact, self.flexibility, self.most = contact, flexibility, most
 
     def course(self, orbit: Orbit, count: int) -> Course:
-        """The motion of the columns and f, with the mean displacement found."""
+        """The motion of the columns and f over one period, with the mean displacement u_0 computed."""
         v = orbit.samples(count)
         if self.contact.by_speed:
             return Course(None, v, self.contact.exerted(v, v), None)
@@ -172,7 +173,7 @@ class Balance:
         return count
 
     def residual(self, orbit: Orbit, count: int) -> Terms:
-        """R, and what it is made of."""
+        """R, and the terms from which it is computed."""
         Y, slope = self.flexibility.mobility(orbit.s)
         course = self.course(orbit, count)
         f = coefficients(course.f, orbit.harmonics)[1:]
@@ -196,13 +197,13 @@ class Balance:
     def system(self, orbit: Orbit, terms: Terms) -> tuple[Array, Array]:
         """R and 0 for the phase condition Σ k Im(v̄_k δv_k) = 0, (2Hp + 1,), and their Jacobian (2Hp + 1, 2Hp + 1).
 
-        The condition allows no step along the orbit itself.
+        The condition excludes steps along the orbit, which only shift it in time.
         """
         phase = np.append(parts_of(orbit.s[:, None] * orbit.v), 0.0)
         return np.append(parts_of(terms.R), 0.0), np.vstack([self.derivative(orbit, terms), phase / np.linalg.norm(phase)])
 
     def _linear(self, orbit: Orbit, course: Course) -> tuple[Array, Array, Array | None]:
-        """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), None for 0."""
+        """∂f_k/∂v_j and ∂f_k/∂v̄_j (H, p, H, p), and ∂f_k/∂ω (H, p), which is None if it is 0."""
         H, j = orbit.harmonics, np.arange(1, orbit.harmonics + 1)
         if course.u is None or course.mean is None:
             return *_around(self.contact.tangents(course.v, course.v)[1], j[:, None], j), None
@@ -220,9 +221,9 @@ class Balance:
     def unresolved(self, orbit: Orbit, target: float = 0.0, *, kept: bool = False) -> tuple[float, float, int]:
         """Errors relative to v: truncation ‖Y_k f_k‖ over k > H, and aliasing of k ≤ H; and a sufficient number of harmonics.
 
-        With `kept`, the truncation has as well by how much the neglected harmonics change those that are kept, and ω; it is
-        infinite at a singular Jacobian. With that number, and the f_k of this orbit, the truncation is at most `target` if both
-        parts fall alike; by default a tenth of its value now.
+        With `kept`, the truncation includes the change of the kept harmonics and of ω by the neglected harmonics. It is infinite
+        at a singular Jacobian. The sufficient number reduces the truncation to `target`, by default to a tenth of its value. It
+        is estimated from the f_k of this orbit, with the assumption that both parts of the truncation fall in proportion.
         """
         H = orbit.harmonics
         used = self.samples(orbit)
@@ -234,7 +235,7 @@ class Balance:
         answer = np.einsum("kij,kj->ki", Y, f)
         rest = np.linalg.norm(answer, axis=1)
         size = float(np.linalg.norm(orbit.v)) or 1.0
-        beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # ‖.‖ over all harmonics from k on
+        beyond = np.sqrt(np.cumsum(rest[::-1] ** 2)[::-1]) / size  # the norm over all harmonics from k on
         tail = float(beyond[H]) if top > H else 0.0
         truncation = tail
         if kept:  # the Newton step with the neglected harmonics in the friction
@@ -252,7 +253,7 @@ class Balance:
         return truncation, alias, int(enough[0]) if len(enough) else top
 
     def solve(self, orbit: Orbit, *, rounds: int = 40, tol: float = 1e-9) -> tuple[Orbit, float, int]:
-        """Newton's method with a line search on `system` up to a relative step `tol`; returns ‖R‖/‖v‖ and the steps, too.
+        """The orbit from Newton's method with a line search on `system` up to a relative step `tol`, ‖R‖/‖v‖ and the step count.
 
         Raises
         ------
@@ -269,7 +270,7 @@ class Balance:
                 raise NotConvergedError(f"harmonic balance met a singular Jacobian at ω = {orbit.omega:.6g} in step {turn}, "
                                         "probably at a fold. Use fs.branch, which follows the branch around it") from None
             size = float(np.linalg.norm(step[:-1]) / np.linalg.norm(orbit.v) + abs(step[-1]) / orbit.omega)
-            # a line search: a step of at most half of the orbit, halved until ‖R‖ falls by a tenth of what a linear R would
+            # line search: a step of at most half the orbit is halved until ‖R‖ falls by a tenth of the decrease of a linear R
             before, factor, best = np.linalg.norm(terms.R), min(1.0, 0.5 / size), None
             for _ in range(7):
                 trial = orbit.at(orbit.vector + factor * step)
@@ -278,19 +279,19 @@ class Balance:
                     after = np.linalg.norm(found.R)
                     if best is None or after < best[0]:
                         best = after, replace(trial, mean=found.course.mean), found
-                    if after <= (1 - 0.1 * factor) * before or size < NEGLECTED:  # rounding is left of a step that small
+                    if after <= (1 - 0.1 * factor) * before or size < NEGLECTED:  # for so small a step R is only rounding
                         break
                 factor /= 2
             assert best is not None  # ω stays positive with a short step
             _, orbit, terms = best
             off = float(np.linalg.norm(terms.R) / np.linalg.norm(orbit.v))
-            if orbit.norm < 1e-3 * start or not orbit.omega > 0:  # ten steps of half of the orbit, all towards 0
+            if orbit.norm < 1e-3 * start or not orbit.omega > 0:  # as after ten steps that halve the orbit
                 raise StepsEndedError(f"with {orbit.harmonics} harmonics the iteration fell back to steady sliding: there is no "
                                       "cycle near the initial guess. Give another start, such as a transient: start=(t, v), "
                                       f"or more (harmonics={2 * orbit.harmonics}). fs.shoot needs no harmonics", orbit, off)
-            if size <= tol or (size <= 1e-6 and turn > 12):  # Newton's method has long converged, but for rounding or a kink of f
+            if size <= tol or (size <= 1e-6 and turn > 12):  # converged, up to rounding or a kink of f
                 return orbit, off, turn
-            if size < 0.1:  # near a cycle: what its friction needs
+            if size < 0.1:  # near a cycle, its number of samples is known
                 needed = self.samples(orbit)
                 if needed != count:
                     count, terms = needed, self.residual(orbit, needed)
@@ -316,7 +317,7 @@ def _around(course: Array, k: Array, j: Array) -> tuple[Array, Array]:
 
 
 def in_phase(orbit: Orbit) -> Orbit:
-    """The same orbit, shifted in time such that its largest harmonic is real and positive (first column that moves most)."""
+    """The same orbit, shifted in time so that the largest harmonic of the column that moves most is real and positive."""
     column = int(np.argmax(np.linalg.norm(orbit.v, axis=0)))
     k = int(np.argmax(np.abs(orbit.v[:, column])))
     turn = -np.angle(orbit.v[k, column]) / (k + 1)

@@ -2,7 +2,7 @@
 
 A branch begins at a Hopf point, where steady sliding loses its stability, or at a known cycle. The Floquet multipliers show
 which cycles are stable, and how stability changes. At a fold one multiplier passes +1, and the branch turns back. At a period
-doubling one passes -1. At a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
+doubling a multiplier passes -1. At a Neimark-Sacker point a pair leaves the unit circle, and quasi-periodic motion begins.
 
 The key of a cycle is the sign of dp/ds and the number of multipliers outside the unit circle. If it changes between two
 neighbours, the step between them is halved until the change is located. The multiplier that passes the circle gives the
@@ -66,7 +66,7 @@ class Branch(Displayed):
     special : tuple of SpecialPoint
         Folds, period doublings, Neimark-Sacker and branch points.
     hopf : HopfPoint or None
-        Where the branch begins, if at a Hopf point.
+        The beginning of the branch, if it is a Hopf point.
     ended : str
         Why the branch ends where it does.
 
@@ -103,7 +103,7 @@ class Branch(Displayed):
         return tuple(point.is_stable for point in self.points)
 
     def at(self, value: float) -> list[LimitCycle]:
-        """The points of the branch next to a value of the parameter: one for each time the branch passes it, without duplicates.
+        """The points of the branch nearest to a value of the parameter: one for each time that the branch passes the value.
 
         If the branch passes the value, turns and passes it again within two steps, only one point is listed.
         """
@@ -114,16 +114,16 @@ class Branch(Displayed):
         return [self.points[i] for i in np.unique(near)]
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row per point, for tables."""
+        """One row for each point, for tables."""
         return [{self.parameter: float(value)} | point.row() for value, point in zip(self.values, self.points, strict=True)]
 
     def record(self) -> dict[str, Any]:
-        """Its points, the Hopf point, special points and its end, for files."""
+        """The points, the Hopf point, the special points and the end of the branch, for files."""
         hopf = self.hopf and {key: getattr(self.hopf, key) for key in ("value", "omega", "limit", "error", "supercritical")}
         return {"hopf": hopf, "special": [vars(point) for point in self.special], "ended": self.ended, "points": self.rows()}
 
     def summary(self) -> dict[str, Any]:
-        """One row: its cycles, the stable ones among them, and where it begins."""
+        """One row with the numbers of cycles and of stable cycles, and the Hopf point."""
         row: dict[str, Any] = {"cycles": len(self.points), "stable": sum(flag is True for flag in self.stable)}
         if hopf := self.hopf:
             row |= {"begins": hopf.value, "error": hopf.error, "critical": "super" if hopf.supercritical else "sub"}
@@ -162,25 +162,26 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     ----------
     model, contacts : as for `harmonic_balance`
     parameter : str
-        A number among the fields of one of the contacts; of a belt 'slope', 'speed' or 'force'. The slope is μ' at the belt's
-        speed, varied by the falling part of the law (`StribeckArctan.with_slope`).
+        A numerical field of one of the contacts; for a belt 'slope', 'speed' or 'force'. The slope is μ' at the belt's speed,
+        varied by the falling part of the law (`StribeckArctan.with_slope`).
     between : (lo, hi), optional
-        Range of the parameter, on one side of 0; the branch ends at its ends. The Hopf point must lie in it. Default: up to
-        five times the slope or the force of the Hopf point; for the speed, a fifth to five times the belt's speed.
+        Range of the parameter, on one side of 0. The branch ends where it leaves the range, which must contain the Hopf point.
+        Default: a fifth to five times the slope or force of the Hopf point, or of the belt's speed. From a cycle, a fifth to five
+        times the present value.
     start : float or LimitCycle, optional
         Default: the first Hopf point, from `critical_slope`. A frequency: the Hopf point nearest to it. A cycle of this
         model under these contacts: the branch is followed from it in both directions.
     port : str, optional
-        A port of the contact that is varied; default: the first contact that has the parameter. All others stay as they are.
+        A port of the contact that is varied; by default the first contact with the parameter. Other contacts do not change.
     points : int
         Largest number of cycles.
     harmonics : int
         Largest number of harmonics.
     tol : float
-        Largest effect of the neglected harmonics, relative to the cycle, before more are used.
+        Largest effect of the neglected harmonics, relative to the cycle; above it more harmonics are used.
     stability : bool
-        Whether to compute multipliers (dense models) and to name special points other than folds. False also holds for the
-        cycles of the branch.
+        Whether to compute multipliers (for models of up to 2,000 DOF), which special points other than folds need. The cycles of
+        the branch have the same `stability`.
     progress : callable, optional
         Called now and then with a line of text.
 
@@ -191,8 +192,9 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
     Raises
     ------
     InputError
-        No Hopf point (stability is never lost, or not within `between`); several pairs cross at it together, so that no single
-        branch begins there; an unknown parameter or port; zero force; a cycle with another number of contact columns.
+        No Hopf point (stability is never lost, or not within `between`); several pairs that cross together at the Hopf point, so
+        that several branches begin there; an unknown parameter or port; zero force; a cycle with another number of contact
+        columns.
     NotConvergedError
         The first cycles were not found.
 
@@ -226,7 +228,7 @@ def branch(model: Substructure, contacts: Contact | Sequence[Contact], parameter
         raise InputError("the belt is at rest and supplies no energy. Give it a speed")
     if isinstance(one, Belt) and parameter != "force" and one.force == 0:
         raise InputError("the normal force is zero, so nothing excites the model. Give the belt a force")
-    with_parameter(one, parameter, value)  # refuses a law that cannot
+    with_parameter(one, parameter, value)  # raises an error for a law without `with_slope`
     flexibility = flexibility_of(contact, start)
     report = listener("progress", progress)
     hopf = shape = None
@@ -267,15 +269,15 @@ class Point(NamedTuple):
 
     @property
     def key(self) -> tuple[bool, int]:
-        """Whether the parameter grows, and the number of multipliers outside the unit circle."""
+        """Whether the parameter increases along the path, and the number of multipliers outside the unit circle."""
         return self.place.direction > 0, 0 if self.cycle.floquet is None else self.cycle.floquet.unstable
 
 
 class Tracer:
-    """One walk along a path, in one direction: the points found, in order, and why it ended.
+    """One walk along a path, in one direction: the points found, in order, and the reason for its end.
 
-    The scaled steps (see `Path`) begin with `first`, and are no longer than `longest`. The walk ends where they must be shorter
-    than `shortest`. A special point is located by `halvings` of the step over it, each for one more cycle.
+    The scaled steps (see `Path`) begin with `first`, and are at most `longest`. The walk ends if they must be shorter than
+    `shortest`. A special point is located by `halvings` halvings of the step across it. Each halving computes one more cycle.
     """
 
     def __init__(self, path: Path, direction: float, limits: tuple[float, float], stability: bool, *, first: float = 0.01,
@@ -287,7 +289,7 @@ class Tracer:
         self.ended = ""
 
     def walk(self, first: Place, most: int, report: Callable[[str], None]) -> Tracer:
-        """Walk from `first` on, until the end of the range, of the branch, or of the allowed number of points."""
+        """Walk from `first` to the end of the range or of the branch, or up to `most` points."""
         self.points.append(self.point(first))
         length = self.first
         while not self.ended:
@@ -311,7 +313,7 @@ class Tracer:
             if not self.ended:
                 self.points.append(self.point(found))
                 self._scan(last, self.points[-1], length, self.halvings)
-                # few steps of Newton's method: it may be longer; many: it was too long
+                # after few Newton steps the next step may be longer; many mean that this step was too long
                 length = min(self.longest, 1.5 * length) if turns <= 4 else 0.5 * length if turns >= 8 else length
         return self
 
@@ -322,7 +324,7 @@ class Tracer:
                                        place.residual, truncation, aliasing, stability=self.stability))
 
     def _over(self, old: Place, new: Place) -> str:
-        """Why the branch ends at a new place; empty if it does not. Where the range ends, the cycle exactly there is kept."""
+        """The reason why the branch ends at a new place, or ''. At the end of the range, the cycle exactly there is added."""
         edge = float(np.clip(new.value, *self.limits))
         if new.value != edge:
             with suppress(NotConvergedError):
@@ -338,7 +340,7 @@ class Tracer:
         return ""
 
     def _scan(self, a: Point, b: Point, length: float, halvings: int) -> None:
-        """Locate what changes between two points, by halving the step between them, and name it."""
+        """Locate and name the special point between two points with different keys, by halving the step between them."""
         if a.key == b.key:
             return
         if halvings:
@@ -349,7 +351,7 @@ class Tracer:
                 return
         critical, kind, ends = 1 + 0j, "fold", (a.place.direction, b.place.direction)
         if (ends[0] > 0) == (ends[1] > 0):
-            # in a cycle that small beside the belt's speed the amplitude's multiplier is 1 within its error
+            # in a cycle so small compared with the belt's speed, the multiplier of the amplitude is 1 within its error
             if max(a.cycle.peak, b.cycle.peak) < 0.02 * self.path.scales[0]:
                 return
             # the multiplier that passes the unit circle between the two, and its distance from the circle at both

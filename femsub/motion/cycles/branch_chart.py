@@ -1,4 +1,4 @@
-"""Charts of limit cycles: one over its period, and branches of them over a parameter, the bifurcation diagram."""
+"""Charts of limit cycles: a cycle over its period, and branches of cycles over a parameter (the bifurcation diagram)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 from femsub.checks import Array
 from femsub.output import ROUNDING, Chart, Level, Panel, Series, hover_of, look
 
-WIDTHS = (2.0, 1.0, 1.3)  # of reduced models, in turn: where lines lie on each other, each is seen
+WIDTHS = (2.0, 1.0, 1.3)  # line widths of reduced models, in turn: lines that coincide can be distinguished
 KINDS = {"fold": "D", "period doubling": "s", "Neimark-Sacker": "^", "branch point": "v"}
 UNITS = {"slope": "slope μ'(v0)  [time/length]", "speed": "belt speed v0  [length/time]", "force": "normal force F  [force]"}
 SHOWN = {"rms": "rms of v  [length/time]", "omega": "ω  [rad/time]", "peak": "peak of v  [length/time]",
-         "sticking": "share of the period in which it sticks  [-]"}  # the first two in the figure
+         "sticking": "share of the period in which it sticks  [-]"}  # figures show the first two
 HOVER = {"ω [rad/time]": "omega", "rms": "rms", "peak": "peak", "sticking": "sticking", "harmonics": "harmonics"}
 LINES = {True: ("", "solid", None), False: (", unstable", "dash", 0.8), None: (" (stability not computed)", "", None)}
 NOTE = ("v is the speed under the belt. Dashed: unstable. Star: where the branch begins. Open circle: where a transient ended. "
@@ -41,14 +41,14 @@ def cycle_chart(t: Array, v: Array, u: Array, omega: float, speed: float | None,
 
 def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapping[str, Any]], parameter: str,
                       families: Sequence[float], now: float | None, title: str) -> Chart:
-    """One column per family of cycles: rms of the speed under the belt above, ω below; a page has peak and sticking as well.
+    """One column per family of cycles: rms of the speed under the belt above, ω below; a page also shows peak and sticking.
 
-    Open circles are transients, drawn where their strongest frequency belongs.
+    Open circles are transients, drawn in the family of their strongest frequency.
     """
     shown = [family for family in families if any(item["family"] == family for item in branches)] or list(families[:1])
     reduced = [name for name in dict.fromkeys(item["model"] for item in branches) if name != "full"]
     widths = {"full": 3.2} | {name: WIDTHS[i % len(WIDTHS)] for i, name in enumerate(reduced)}
-    # of each transient, the family whose frequencies its strongest one is nearest to, within 5 %
+    # for each transient, the family with the frequency nearest to its strongest frequency, within 5 %
     known = [np.concatenate([[family], *(item["branch"].omega for item in branches if item["family"] == family)])
              for family in shown]
     homes: list[float | None] = []
@@ -80,7 +80,7 @@ def bifurcation_chart(branches: Sequence[Mapping[str, Any]], dots: Sequence[Mapp
 
 
 def _branch(model: str, branch: Any, parameter: str, key: str, width: float) -> list[Series]:
-    """Pieces that are stable, or not, each to the next point, so that the line has no gaps; its start, and special points."""
+    """Lines for the stable and unstable pieces, each drawn to the next point to avoid gaps; the Hopf point; special points."""
     rows, name = branch.rows(), look(model).label
     x, y = np.asarray(branch.values, dtype=float), np.array([row[key] for row in rows], dtype=float)
     hover = {parameter: x, **hover_of(rows, HOVER)}

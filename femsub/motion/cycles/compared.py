@@ -1,4 +1,4 @@
-"""Whether reduced models have the limit cycles of the full one."""
+"""The verdict whether reduced models have the limit cycles of the full model."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from femsub.output import NEVER, STABLE, Verdict, named
 
 
 def cycles_verdict(rows: Sequence[Mapping[str, Any]], where: str, unchecked: Sequence[str] = ()) -> Verdict:
-    """Limit cycles: whether each reduced model has those of the full one, with the same stability."""
+    """The verdict whether each reduced model has the limit cycles of the full model, with the same stability."""
     known = [row for row in rows if "omega" in row]
     full = {row["family"]: row for row in known if row["model"] == "full"}
     names = {row["model"]: row["size"] for row in rows if row["model"] != "full"}

@@ -2,9 +2,9 @@
 
     h(s) = Wᵀ(s²M + sD + K)⁻¹W,   Y(s) = s h(s),   both (p, p)
 
-Y is the mobility: v_k = Y(ikω) f_k is the speed under the belts that harmonic k of the friction causes. Harmonic balance
-needs nothing else of a model. A dense model is decomposed once; then each Y costs O(n). A sparse model is solved at the
-requested frequencies, and the solutions serve as a basis for frequencies nearby.
+Y is the mobility: v_k = Y(ikω) f_k is the speed under the belts that harmonic k of the friction causes. Harmonic balance uses
+only Y of a model. A dense model is decomposed once; then each Y costs O(n). A sparse model is solved at the requested
+frequencies, and the solutions serve as a basis for frequencies nearby.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from femsub.model import Pencil, Substructure
 from femsub.modes import ModalForm, ShiftInvert, lowest_modes, modal_form, port_responses
 from femsub.motion.nonlinear_model import Sliding
 
-NEGLECTED = 1e-7  # relative error of a speed that harmonic balance neglects: of partial fractions, of a basis, by aliasing
-CACHED_ENTRIES = 200_000  # of a temporary array: 3 MB, which a cache holds
+NEGLECTED = 1e-7  # relative error of a speed that harmonic balance accepts from partial fractions, from a basis, or from aliasing
+CACHED_ENTRIES = 200_000  # entries of a temporary array: 3 MB, which fit into a cache
 
 
 class Spectral(NamedTuple):
@@ -53,7 +53,7 @@ def spectral(pencil: Pencil) -> Spectral | None:
     except la.LinAlgError:
         return None
     condition = np.linalg.norm(right) * np.linalg.norm(left) / len(A)
-    # the condition is 1 for a normal A; with this one half of the digits are left
+    # the condition number is 1 for a normal A; at this limit half of the digits are left
     return Spectral(form, values, right, left, slice(n - r, None)) if condition < EPS**-0.5 else None
 
 
@@ -61,9 +61,9 @@ _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 
 
 def compliance(contact: Sliding) -> Compliance:
-    """The compliance of a model under its belts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
+    """The compliance of a model at its contacts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
 
-    A model is decomposed once. One with structural damping is solved at each frequency.
+    A model is decomposed once. A model with structural damping is solved at each frequency.
     """
     model = contact.model
     if model.H is None and (not model.pencil.is_sparse or model.size <= QUADRATIC):
@@ -76,7 +76,7 @@ def compliance(contact: Sliding) -> Compliance:
 
 
 class Fractions:
-    """Y(s) = Σ_j R_j / (s - λ_j), R = c_j b_jᵀ with c = Wᵀ X, b = Wᵀ Y of the eigenvectors, m = 2n of them."""
+    """Y(s) = Σ_j R_j / (s - λ_j), R_j = c_j b_jᵀ, with c = Wᵀ X and b = Wᵀ Y from the right and left eigenvectors."""
 
     def __init__(self, found: Spectral, W: Array) -> None:
         self.found = found
@@ -90,7 +90,7 @@ class Fractions:
         upper = np.flatnonzero(values.imag > 0)
         if len(upper):
             height = np.abs(self.residues[upper]).sum(axis=1) / np.maximum(np.abs(values[upper].real), 1e-300)
-            s = 1j * values[upper[np.argsort(-height)[:3]]].imag * (1 + 1e-3)  # on an undamped pole itself there is no solution
+            s = 1j * values[upper[np.argsort(-height)[:3]]].imag * (1 + 1e-3)  # beside the pole, where Y may be infinite
             exact = np.array([value * self.w.T @ la.solve(found.form.at(value), self.w) for value in s])
             size = np.abs(exact).max(axis=(1, 2))
             off = np.abs(self.mobility(s)[0] - exact).max(axis=(1, 2))
@@ -107,8 +107,8 @@ class Fractions:
         for start in range(0, len(s), step):
             at = slice(start, start + step)
             inverse = 1 / (s[at, None] - self.found.values)
-            # einsum instead of @: for such small products waking the threads of a BLAS costs more than it gains, and they
-            # slow down the other libraries' threads (NumPy, SciPy and PETSc have their own)
+            # einsum instead of @: for such small products, starting the threads of a BLAS takes more time than they save, and
+            # slows down the threads of other libraries (NumPy, SciPy and PETSc have their own)
             Y[at] = np.einsum("mj,jk->mk", inverse, self.residues)
             slope[at] = -np.einsum("mj,jk->mk", np.square(inverse, out=inverse), self.residues)
         self._last = s.copy(), Y.reshape(-1, p, p), slope.reshape(-1, p, p)
@@ -129,8 +129,8 @@ class Solved:
 
     The real and imaginary parts of the responses span V. V q with VᵀP(s)V q = VᵀW replaces the model if the error of h,
     estimated from the residual, is below NEGLECTED. Newton's method changes ω only a little in each step, and neighbouring
-    harmonics share modes. So fewer systems are solved than there are harmonics: `solves`. The basis of a sparse model begins with
-    so many of its lowest `modes`. With structural damping H, P(s) + iH is solved for each s = iω, ω > 0.
+    harmonics share modes. So fewer systems are solved (`solves`) than there are harmonics. The basis of a sparse model begins
+    with its lowest modes, `modes` in number. With structural damping H, P(s) + iH is solved for each s = iω, ω > 0.
     """
 
     def __init__(self, pencil: Pencil, W: Array, H: Matrix | None = None, modes: int = 40) -> None:
@@ -144,13 +144,13 @@ class Solved:
             moments = [self.static.solve(W)]
             for _ in range(3):
                 moments.append(self.static.solve(pencil.M @ moments[-1]))
-            self.V = orthonormal(lowest.shapes, np.asarray)[0]  # first, since little of the moments remains beside the modes
+            self.V = orthonormal(lowest.shapes, np.asarray)[0]  # first, since the moments are nearly combinations of the modes
             self._grow(np.hstack(moments))
 
     def _galerkin(self, s: Array) -> tuple[Array, Array]:
         """x = V q - K⁻¹r with r = P(s)Vq - W, shape (m, n, p), and the error |rᵀK⁻¹r| / |h| (m,), infinite without a basis.
 
-        The basis lacks mainly high modes, for which P is nearly K. This gives the correction K⁻¹r and the error estimate.
+        Mainly high modes are missing in the basis, for which P is nearly K. Hence the correction K⁻¹r and the error estimate.
         """
         n, p = self.W.shape
         if self.quick is None:
@@ -180,12 +180,12 @@ class Solved:
         return port_responses(self.pencil, s, self.W, self.H)
 
     def _responses(self, s: Array) -> tuple[Array, dict[int, Array]]:
-        """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW at those frequencies where a system was solved."""
+        """P(s)⁻¹W, shape (m, n, p), and P(s)⁻ᵀW at the frequencies at which a system was solved."""
         found, wrong = self._galerkin(s)
         left: dict[int, Array] = {}
         exact = np.zeros(len(s), dtype=bool)
         while (wrong > NEGLECTED).any():
-            # eight at once: frequencies in between are often represented by their neighbours
+            # solve at eight frequencies at once: the responses in between are often combinations of these
             bad = np.flatnonzero(wrong > NEGLECTED)
             chosen = bad[np.unique(np.linspace(0, len(bad) - 1, min(len(bad), 8)).astype(int))]
             new, other = zip(*(self._exact(s[i]) for i in chosen), strict=True)
@@ -228,6 +228,6 @@ class Solved:
         return np.einsum("mnp,mp->nm", self._responses(np.asarray(s, dtype=complex))[0], force)
 
 
-#: Y(s) (m, p, p) and dY/ds at m frequencies by `mobility`, or Y without a new solve by `estimate`; and by `response`
-#: x = P(s)⁻¹W f (n, m) to forces f (m, p)
+#: `mobility` returns Y(s) (m, p, p) and dY/ds at m frequencies, `estimate` returns Y from the responses found so far, and
+#: `response` returns x = P(s)⁻¹W f (n, m) for forces f (m, p)
 Compliance: TypeAlias = Fractions | Solved

@@ -20,11 +20,11 @@ from femsub.motion.cycles.balance import Balance, Orbit, coefficients, parts_of
 from femsub.motion.cycles.compliance import Compliance
 from femsub.motion.nonlinear_model import Sliding
 
-PARAMETERS = ("speed", "force", "slope")  # of a belt
+PARAMETERS = ("speed", "force", "slope")  # parameters of a belt
 
 
 def with_parameter(contact: Any, name: str, value: float) -> Any:
-    """A contact with another value of a field; the slope of a belt is that of its law (which needs `with_slope`)."""
+    """A contact with another value of a field. For the slope of a belt, its law is changed by `with_slope`."""
     if isinstance(contact, Belt) and name == "slope":
         return replace(contact, law=with_slope(contact.law, value, contact.speed or 0.0))
     return replace(contact, **{name: value})
@@ -47,7 +47,7 @@ class Place:
 
 
 class Path:
-    """Cycles of one model over one parameter of one of its contacts, with the scales of the steps."""
+    """Cycles of one model over one parameter of one of its contacts, with the scales of the unknowns."""
 
     def __init__(self, contact: Sliding, flexibility: Compliance, parameter: str, at: int, scales: tuple[float, float, float],
                  tol: float, most: int) -> None:
@@ -68,7 +68,7 @@ class Path:
         return Balance(self.contact(value), self.flexibility)
 
     def _scale(self, unknowns: int) -> Array:
-        """The scales of `unknowns` numbers."""
+        """The scales of `unknowns` entries of x."""
         speed, omega, size = self.scales
         return np.append(np.full(unknowns - 2, speed), [omega, size])
 
@@ -87,7 +87,7 @@ class Path:
         balance = self.balance(value)
         terms = balance.residual(orbit, count)
         R, J = balance.system(orbit, terms)
-        h = 1e-6 * size  # of a central difference: its rounding, EPS/1e-6, and its error are below what Newton's method leaves
+        h = 1e-6 * size  # for a central difference, whose rounding, EPS/1e-6, and error are below the error of Newton's method
         ahead, behind = (coefficients(self.balance(value + side).force(orbit, count), orbit.harmonics)[1:] for side in (h, -h))
         change = -np.einsum("kij,kj->ki", terms.Y, (ahead - behind) / (2 * h))
         whole = np.column_stack([J, np.append(parts_of(change), 0.0)])
@@ -95,13 +95,14 @@ class Path:
 
     def correct(self, orbit: Orbit, value: float, row: Array, target: float, *, rounds: int = 14,
                 tol: float = 1e-8) -> tuple[Place, int]:
-        """Newton's method on R = 0, phase = 0, row·x = target, in so many `rounds` at most, up to a relative step `tol`.
+        """Newton's method on R = 0, phase = 0, row·x = target, in at most `rounds` steps, up to a relative step `tol`.
 
-        The tangent has a positive component along `row`.
+        The place's tangent has a positive component along `row`. The number of steps is returned, too.
 
         Raises
         ------
         NotConvergedError
+            The steps did not become small, diverged, or led to a singular point or a negative frequency.
         """
         count = self.balance(value).samples(orbit)
         x, before = self.scaled(orbit, value), np.inf
@@ -121,7 +122,7 @@ class Path:
                 raise NotConvergedError(f"the frequency became negative at {self.parameter} = {value:.6g}")
             if size <= tol * (1 + float(np.linalg.norm(x))):
                 break
-            if size < 1e-2:  # so near the number of samples is that of the cycle
+            if size < 1e-2:  # so near the cycle its number of samples is known
                 count = self.balance(value).samples(orbit)
         else:
             raise NotConvergedError(f"the corrector did not converge at {self.parameter} = {value:.6g}: last step {size:.1e}")
@@ -142,7 +143,7 @@ class Path:
                        left_out=None)
 
     def step(self, place: Place, length: float) -> tuple[Place, int]:
-        """The place at arclength `length` ahead, with as many harmonics as needed."""
+        """The place at arclength `length` ahead, with as many harmonics as needed, and the number of Newton steps."""
         while True:
             x = self.scaled(place.orbit, place.value)
             orbit, value = self.unscaled(x + length * place.tangent, place.orbit)

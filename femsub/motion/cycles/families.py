@@ -1,6 +1,6 @@
-"""Limit cycles of several models of one structure: those that begin from one mode are a family, and are compared.
+"""Limit cycles of several models of one structure. Cycles that begin from the same mode are a family, and are compared.
 
-Small models come first. A large one, whose modes are not at hand, starts from the cycles of the others.
+Small models come first. A large model, whose modes are not computed, starts from the cycles of the other models.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Report = Callable[[str], None] | None
 
 
 def small(model: Substructure) -> bool:
-    """Whether all modes of a model, and the stability of its cycles, are at hand."""
+    """Whether a model is small enough to compute all its modes and the stability of its cycles."""
     return not model.pencil.is_sparse or model.size <= QUADRATIC
 
 
@@ -39,9 +39,10 @@ def in_turn(models: Mapping[str, Substructure]) -> dict[str, Substructure]:
 
 def family_cycles(models: Mapping[str, Substructure], contacts: Sequence[Contact], family: float, near: float = 0.05,
                   progress: Report = None) -> list[dict[str, Any]]:
-    """The cycle of each model that begins from the mode of a frequency, or why it has none; with errors against 'full'.
+    """For each model, the cycle that begins from the mode at ω = `family`, or why there is none; with errors against 'full'.
 
-    Cycles belong to one mode if their frequencies are `near` it. A large model starts from the cycle of the one before.
+    A cycle belongs to the mode if their frequencies differ by at most the share `near`. A large model starts from the cycle of
+    the model before it.
     """
     report, rows, found = listener("progress", progress), list[dict[str, Any]](), dict[str, LimitCycle]()
     for name, model in in_turn(models).items():
@@ -72,9 +73,10 @@ def family_cycles(models: Mapping[str, Substructure], contacts: Sequence[Contact
 def family_branches(models: Mapping[str, Substructure], contacts: Sequence[Contact], parameter: str, between: tuple[float, float],
                     families: Sequence[float], *, near: float = 0.05, guided: int = 3, progress: Report = None,
                     **options: Any) -> list[dict[str, Any]]:
-    """The branch of each model from each mode over a parameter of a belt, with the seconds; or 'why' there is none.
+    """For each model and mode, the branch over a parameter of a belt with its run time, or 'why' there is none.
 
-    `options` are those of `branch`. A large model has `guided` cycles along the branch of the model before, see `along`.
+    `options` are options of `branch`. For a large model, `guided` cycles along the branch of the model before are computed, see
+    `along`.
     """
     report, found = listener("progress", progress), list[dict[str, Any]]()
     belt = next(one for one in contacts if isinstance(one, Belt))
@@ -104,10 +106,10 @@ def family_branches(models: Mapping[str, Substructure], contacts: Sequence[Conta
 
 def along(guide: Branch, model: Substructure, belt: Belt, count: int = 3, progress: Report = None) -> tuple[
         Branch, list[dict[str, Any]]]:
-    """Cycles of a model whose modes are not at hand at a few points of another model's branch, and those not found.
+    """Cycles of a large model at a few points of another model's branch, and the values at which no cycle was found.
 
-    Each starts from the cycle there. They are spread evenly from the branch's beginning, where there is no amplitude yet, to
-    its end.
+    Each search starts from the cycle of the other model. The points are spread evenly over the parameter, without the beginning
+    of the branch, where the amplitude is 0.
     """
     report, parameter = listener("progress", progress), guide.parameter
     values, points = list[float](), list[LimitCycle]()
@@ -130,10 +132,10 @@ def along(guide: Branch, model: Substructure, belt: Belt, count: int = 3, progre
 
 
 def settled(model: Substructure, belt: Belt, end: float, cycle: LimitCycle | None = None) -> tuple[float, float]:
-    """rms and the strongest frequency of the motion that a blow on a belt leads to, or a cycle with velocities raised by 5 %.
+    """rms and strongest frequency of the motion after an impulse on a belt's port, or from a cycle with 5 % larger velocities.
 
-    The blow is so hard that the contact moves at the belt's speed, which is beyond the threshold of a hard onset. It is seen in
-    the last quarter of the time up to `end`, a disturbed cycle in the second half.
+    The impulse gives the contact the belt's speed, which is beyond the threshold of a hard onset. The motion is evaluated in the
+    last quarter of the time up to `end`, from a cycle in the second half.
     """
     if cycle is None:
         contact = sliding(model, belt)
@@ -147,14 +149,14 @@ def settled(model: Substructure, belt: Belt, end: float, cycle: LimitCycle | Non
     v = v[:, 0] if v.ndim > 1 else v
     if cycle is None:
         omega = float(next(iter(spectrum(run.t, v).peaks), np.nan))
-    else:  # few periods
+    else:  # too few periods for a spectrum
         omega = 2 * np.pi / period_near(run.t, v, 2 * np.pi / of_signal(run.t, v, 1).omega)
     return float(np.std(v)), omega
 
 
 def settled_over(model: Substructure, belt: Belt, parameter: str, between: tuple[float, float], count: int, end: float,
                  branches: Sequence[Branch] | None = None, progress: Report = None) -> list[dict[str, Any]]:
-    """`settled` at so many values within a range of a parameter, from a blow, or from stable cycles of branches there."""
+    """`settled` at `count` values within a range of a parameter, from an impulse, or from stable cycles of branches there."""
     report, found = listener("progress", progress), list[dict[str, Any]]()
     for value in np.linspace(*between, count + 2)[1:-1].tolist():
         report(f"transient, {parameter} = {value:.5g}")

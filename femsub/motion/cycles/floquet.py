@@ -1,9 +1,9 @@
-"""Floquet multipliers of a limit cycle: whether small disturbances grow.
+"""Floquet multipliers of a limit cycle, which show whether small disturbances grow.
 
     δẏ = (A + B g(t) Bᵀ) δy,  g = ∂f/∂v along the cycle (p, p),  δy(T) = Φ δy(0)
 
 The linear part is constant, with known eigenvectors. The periodic part has rank p. Hence a step of Strang's splitting,
-exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ. Its steps are short where friction changes
+exp(Ah/2) exp(h B g Bᵀ) exp(Ah/2), costs O(m p) for each of the m columns of Φ. The steps are short where friction changes
 between sliding and sticking. Φ is extrapolated from two or more step sizes (Romberg).
 
 The orbit has finitely many harmonics and is not exactly the cycle: v̂ = Σ Y(ikω) f_k over many more harmonics differs from v
@@ -11,9 +11,9 @@ by ρ. The correction to the cycle follows from the linear equation that Φ solv
 
     ż = A z + B g (Bᵀz + ρ),  z(T) + ẏ δT = z(0),  ẏ(0)ᴴ z(0) = 0
 
-One more column of Φ gives z(T) for z(0) = 0. One more pass gives the cycle's speeds v + ρ + Bᵀz, correct to second order, and
-Φ is computed for these. The change of each multiplier by this correction, and by the last extrapolation, estimates its error.
-One multiplier is 1, that of a shift along the cycle. The error of the computed value of 1 is counted for all.
+An additional column of Φ gives z(T) for z(0) = 0. Another pass gives the cycle's speeds v + ρ + Bᵀz, correct to second order,
+and Φ is computed for these speeds. The change of each multiplier by this correction and by the last extrapolation estimates its
+error. The multiplier of a shift along the cycle is exactly 1. The error of its computed value is added to all error estimates.
 
 Test: 450 random cycles of chains and their ROMs, both laws, 8 or more harmonics, compared with the cycle and its variation
 integrated to 1e-12. Every multiplier was within its error estimate (`doubts`). The factors were fitted to this test: they are
@@ -44,13 +44,13 @@ class Multipliers:
     Attributes
     ----------
     values : ndarray of complex, shape (m,)
-        Without the trivial one.
+        All multipliers without the trivial one.
     doubts : ndarray, shape (m,)
         Error estimate of each multiplier. It is the sum of three times its change by the correction of the orbit and by the
         last extrapolation, a tenth of the largest such change of any multiplier, and ten times `error`. Infinite if the
         orbit is too far from a cycle.
     trivial : complex
-        The one that is 1 in exact arithmetic.
+        The multiplier that is 1 in exact arithmetic.
     """
 
     values: Array
@@ -88,10 +88,10 @@ class Multipliers:
 
 def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps: int = 1024, most: int = 32768,
                 tol: float = 1e-4) -> Multipliers:
-    """The multipliers of the cycle next to an orbit of a dense model.
+    """The multipliers of the cycle near an orbit of a dense model.
 
-    From `steps` of the first of two passes on, steps are halved until the estimated error of the leading multipliers is `tol`, or
-    a pass has `most` of them: a pass costs O(steps n²).
+    The first two passes have `steps` and 2 `steps` steps per period. The number is doubled until the estimated error of the
+    leading multipliers is at most `tol`, or a pass has `most` steps. A pass costs O(steps n²).
     """
     waves = _Waves(contact, flexibility, orbit)
     coarse, before, last = _passage(contact, flexibility, waves.course(steps))[0], None, np.inf
@@ -118,8 +118,8 @@ def multipliers(contact: Sliding, flexibility: Fractions, orbit: Orbit, *, steps
     at = int(np.argmin(np.abs(values - 1)))
     to = match(values, found)[1]
     moved, stepped = np.abs(values - found[to]), np.abs(found - plain[match(found, plain)[1]])[to]
-    # factors fitted to the test above. 3: second-order terms, extrapolation beside a kink of the law. A tenth of the largest
-    # change spills to all. 10: the error of the trivial multiplier is of second order after the correction
+    # The factors were fitted to the test above. 3: second-order terms, and extrapolation beside a kink of the law. A tenth of the
+    # largest change is added to all. 10: the error of the trivial multiplier is of second order after the correction.
     changed = moved + stepped
     doubts = 3 * (changed + 0.1 * changed.max()) + 10 * abs(values[at] - 1)
     if corrected is None:
@@ -133,7 +133,7 @@ def _sorted(values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Course:
-    """N steps h (N,) of one period with their midpoints τ (N,), and v and ρ (p, N) there."""
+    """N steps h (N,) of one period with their midpoints τ (N,), in units of the period, and v and ρ (p, N) at the midpoints."""
 
     tau: Array
     h: Array
@@ -143,7 +143,7 @@ class _Course:
 
 
 class _Waves:
-    """v(τ), v'(τ) and ρ(τ) of an orbit, by a fine FFT and cubic interpolation in between."""
+    """v(τ), v'(τ) and ρ(τ) of an orbit, from a fine FFT with cubic interpolation."""
 
     def __init__(self, contact: Sliding, flexibility: Fractions, orbit: Orbit) -> None:
         self.contact, self.orbit = contact, orbit
@@ -158,12 +158,12 @@ class _Waves:
                             for wave in (v, samples_of(answer, count)))
 
     def course(self, steps: int) -> _Course:
-        # 0 = τ_0 < … < τ_steps = 1 of a period, finer where g changes
+        # the steps 0 = τ_0 < … < τ_steps = 1 are finer where g changes
         count = power_of_two(max(8 * self.orbit.harmonics, 4096))
         v = self.orbit.samples(count)
         g = self.contact.tangents(v, v)[1].reshape(-1, count)
         change = np.abs(np.diff(g, append=g[:, :1], axis=1)).sum(axis=0)
-        # the square root places steps on the flanks of a jump, where most of the error arises
+        # the square root places steps on both sides of a jump, where most of the error arises
         weight = np.sqrt(change) if change.any() else np.ones(count)
         kernel = max(3, count // 512)
         weight = np.convolve(np.tile(weight, 3), np.ones(kernel) / kernel, mode="same")[count:2 * count]
@@ -174,30 +174,30 @@ class _Waves:
         return _Course(tau, np.diff(edges), self.v(tau), self.gap(tau), 2 * np.pi / self.orbit.omega)
 
     def rate(self, flexibility: Fractions) -> Array:
-        """ẏ(0) (m,) in the eigenvectors of A."""
+        """ẏ(0) (m,) in coordinates of the eigenvectors of A."""
         values, force = flexibility.found.values[:, None], flexibility.into @ self.f.T
         other = flexibility.into @ self.f.conj().T
         return (force * self.s / (self.s - values)).sum(axis=1) + (other * self.s / (self.s + values)).sum(axis=1)
 
 
 def _passage(contact: Sliding, flexibility: Fractions, course: _Course, Z: Array | None = None) -> tuple[Array, Array]:
-    """Z(T) (m, k) in the eigenvectors of A, and in the middle of each step Bᵀz + ρ (p, N) of the last column, which ρ drives.
+    """Z(T) (m, k) from Z(0) = `Z`, in the eigenvectors of A, and Bᵀz + ρ (p, N) of the last column in the middle of each step.
 
-    By default of Φ, with z(T) of z(0) = 0 as its last column, (m, m + 1).
+    ρ drives the last column. By default Z(T) is Φ, with z(T) for z(0) = 0 as an additional last column, (m, m + 1).
 
-    A kick U E_l s_l at t_l reaches s_j = V z(t_j) + ρ_j as V exp(A (t_j - t_l)) U E_l s_l. The s of a block of steps are solved
-    for at once: their matrix is triangular. It is V exp(A t_j) times exp(-A t_l) U E_l, with t from the start of the block.
+    An impulse U E_l s_l at t_l adds V exp(A (t_j - t_l)) U E_l s_l to s_j = V z(t_j) + ρ_j. One triangular system gives all s of
+    a block of steps. Its matrix is V exp(A t_j) times exp(-A t_l) U E_l, with t from the start of the block.
     """
     h, values, W = course.h * course.period, flexibility.found.values, flexibility.w
     E = _impulses(contact.tangents(course.v, course.v)[1] * h, W.T @ W)
     U, V, m, p, steps = flexibility.into, flexibility.out, len(values), len(W.T), len(h)
-    t = np.append(np.cumsum(h) - h / 2, h.sum())  # the kicks act in the middle of the steps; the last one is the end
+    t = np.append(np.cumsum(h) - h / 2, h.sum())  # impulses act in the middle of the steps; the last entry is the end
     Z = np.exp(t[0] * values)[:, None] * (np.eye(m, m + 1) if Z is None else Z)
     speeds = np.empty((steps, p), dtype=complex)
     decay, most = t * np.abs(values.real).max(), np.log(np.finfo(float).max) / 2  # in a block beyond it exp(-A t) overflows
     i = 0
     while i < steps:
-        # 64: fewer unknowns take no less time
+        # at least 64 unknowns: fewer take as much time
         last = min(steps, i + max(1, max(64, m) // p), max(i + 1, int(np.searchsorted(decay, decay[i] + most))))
         D, count = np.exp((t[i:last + 1] - t[i])[:, None] * values), last - i
         out = (V * D[:-1, None]).reshape(-1, m)
@@ -210,11 +210,11 @@ def _passage(contact: Sliding, flexibility: Fractions, course: _Course, Z: Array
         speeds[i:last] = S[:, -1].reshape(count, p)
         Z = D[-1][:, None] * (Z + into @ S)
         i = last
-    return Z, (speeds + np.einsum("ab,ibc,ic->ia", W.T @ W, E, speeds) / 2).T  # half of the kick
+    return Z, (speeds + np.einsum("ab,ibc,ic->ia", W.T @ W, E, speeds) / 2).T  # with half of the impulse
 
 
 def _corrected(contact: Sliding, flexibility: Fractions, waves: _Waves, whole: Array, steps: int) -> _Course | None:
-    """The cycle, correct to second order; None if it is too far from the orbit. `whole` is the result of `_passage`."""
+    """The cycle near the orbit, correct to second order; None if it is too far away. `whole` is Z(T) from `_passage`."""
     course, m = waves.course(steps), len(whole)
     rate = waves.rate(flexibility)
     bordered = np.vstack([np.hstack([np.eye(m) - whole[:, :-1], -rate[:, None]]), np.append(rate.conj(), 0.0)])

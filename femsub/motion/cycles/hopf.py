@@ -1,6 +1,6 @@
-"""Hopf points: where steady sliding loses its stability as a belt's speed, force or slope changes, and a branch of cycles begins.
+"""Hopf points: steady sliding loses its stability as a belt's speed, force or slope changes, and a branch of cycles begins.
 
-`critical_value` over the slope gives F μ'(v0) = c. The first cycles of the branch, extrapolated to amplitude 0, must agree.
+`critical_slope` or `critical_value` gives F μ'(v0) = c. The first cycles of the branch, extrapolated to amplitude 0, must agree.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from femsub.stability.critical_value import critical_value
 
 @dataclass(frozen=True)
 class HopfPoint:
-    """Where a branch begins: value of the parameter, ω, F μ' there, and on which side the cycles are.
+    """The beginning of a branch: value of the parameter, ω, `coefficient` F μ', and the side on which the cycles exist.
 
-    `limit` holds the parameter and ω of the branch, extrapolated to amplitude 0. `supercritical` is True if cycles exist where
+    `limit` contains the parameter and ω of the branch, extrapolated to amplitude 0. `supercritical` is True if cycles exist where
     steady sliding is unstable (a soft onset), and False if they exist where it is stable (a hard onset).
     """
 
@@ -36,13 +36,13 @@ class HopfPoint:
 
     @property
     def error(self) -> float:
-        """The larger relative difference between the branch's beginning and the linear border, in parameter and in ω."""
+        """The relative difference between `limit` and the linear border, in the parameter or in ω, whichever is larger."""
         return float(max(abs(self.limit[0] / self.value - 1), abs(self.limit[1] / self.omega - 1)))
 
 
 def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, between: tuple[float, float] | None,
                near: float | None) -> tuple[HopfPoint, Array]:
-    """Value of the parameter at which F μ'(v0) is the critical coefficient, and the speeds under the belt of the mode there."""
+    """The Hopf point, at which F μ'(v0) is the critical coefficient, and the speeds of its mode under the belt."""
     belt, model = contact.contacts[0], contact.model
     if not isinstance(flexibility, Fractions) or (near is not None and contact.columns > 1):
         raise InputError(f"a branch that begins at a Hopf point needs at most 2,000 DOF, not {model.size}, and with start= as a "
@@ -57,7 +57,7 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
         nearest = slopes[np.argmin(np.abs(heights - near))] if len(heights) else np.nan
         together = np.abs(slopes - nearest) <= 1e-6 * abs(nearest)
         heights, slopes = heights[together], slopes[together]
-        if len(heights) == 1:  # the loss there, or the regain if a pair ceases to grow, in a band of this crossing alone
+        if len(heights) == 1:  # the loss of stability there, or its regain if a pair ceases to grow, in a narrow band
             band = heights[0] * (1 - 1e-3), heights[0] * (1 + 1e-3)
             found = critical_slope(model, belt.port, band=band).first or critical_value(
                 model, Belt(belt.port, slope=0.0), "slope", between=(slopes[0] / 2, 2 * slopes[0]), band=band).regains
@@ -73,7 +73,7 @@ def hopf_point(contact: Sliding, flexibility: Compliance, parameter: str, betwee
                            "this place of the belt; move the belt or reduce the damping")
     c, omega, speeds = found[0].value, found[0].omega, contact.W.T @ found[0].shape
     speeds = speeds / speeds[np.argmax(np.abs(speeds))]
-    # where F μ'(v0) = c; of several belt speeds at the largest
+    # the value with F μ'(v0) = c; the largest if several belt speeds fulfil this
     if parameter == "slope":
         return HopfPoint(c / belt.force, omega, c), speeds
     if parameter == "force":
@@ -111,9 +111,9 @@ def limits_of(between: tuple[float, float] | None, parameter: str, value: float,
 
 
 def range_around(belt: Belt, parameter: str, coefficient: float) -> tuple[float, float]:
-    """The range of a parameter from the Hopf point, where F μ' has this value, to the belt's own value and a quarter beyond.
+    """The range of a parameter from the Hopf point, where F μ' = `coefficient`, to a quarter beyond the belt's own value.
 
-    Of the speed: from half to three times the belt's own.
+    For the speed, the range is half to three times the belt's own speed.
     """
     now = float(getattr(belt, parameter))
     if parameter == "speed":
@@ -126,7 +126,10 @@ def range_around(belt: Belt, parameter: str, coefficient: float) -> tuple[float,
 
 
 def begun(path: Path, hopf: HopfPoint, shape: Array, small: float = 1e-3) -> tuple[HopfPoint, Place]:
-    """The first cycles at two `small` amplitudes a, 2a of the belt's speed; p and ω are even in a: their limit at 0 follows."""
+    """The Hopf point with the limit of the branch, and the second of two cycles with the amplitudes a and 2a.
+
+    a is the share `small` of the belt's speed. The parameter p and ω are even in a, which gives their limit at a = 0.
+    """
     found = []
     column = int(np.argmax(np.abs(shape)))
     for size in (small, 2 * small):

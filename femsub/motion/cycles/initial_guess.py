@@ -1,11 +1,11 @@
 """Initial guesses for limit cycles: an unstable mode with a balanced amplitude, or a signal in time.
 
-With v = a cos ωt the friction has the first harmonic N(a) a/2, N real, and one harmonic alone balances where
+With v = a cos ωt the friction has the first harmonic N(a) a/2 with a real N. One harmonic alone is balanced if
 
     1 = Y(iω) N(a),   that is at a crossing of the linear model, c(ω) = -N(a)
 
-(describing function; Krack and Gross 2019, sec. 2.2). Every crossing ω_j at which the belt's slope exceeds c_j is the seed of a
-cycle. A law that changes from sliding to sticking within ε ≪ v0 is then sharpened in steps, from ε = v0/10 on.
+(describing function; Krack and Gross 2019, sec. 2.2). Every crossing ω_j that the belt's slope has passed, F μ' < c_j, is the
+seed of a cycle. A law that changes from sliding to sticking within ε ≪ v0 is first replaced by smoother laws, from ε = v0/10 on.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from femsub.motion.nonlinear_model import Sliding
 
 
 def levels(contact: Sliding, wide: float = 0.1, sharper: float = 0.72) -> list[Sliding]:
-    """The contact with increasingly sharp laws, the last one its own; one entry if no law has an ε (see `FrictionLaw`).
+    """The contact with increasingly sharp laws, ending with its own laws; one entry if no law has an ε (see `FrictionLaw`).
 
-    The first, smoothest one has ε = `wide` v0 at least, and `sharper` is the factor of ε from one level to the next.
+    The first law, the smoothest one, has at least ε = `wide` v0. `sharper` is the factor of ε from one level to the next.
     """
     known = [(belt, width_of(belt.law) if is_dataclass(belt.law) else np.nan, abs(belt.speed or 0.0)) for belt in contact.belts]
     most = max([1.0, *(wide * speed / width for _, width, speed in known if width > 0)])
@@ -48,7 +48,7 @@ def harmonics_for(contact: Sliding, most: int) -> int:
 
 
 def gain(contact: Sliding, shape: Array, amplitudes: Array, samples: int = 4096) -> Array:
-    """N_c(a) (m, p): first harmonic of f over that of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
+    """N_c(a) (m, p): first harmonic of f over first harmonic of v = Re(a shape e^{iωt}), column by column; shape (p,), a (m,)."""
     wave = np.cos(2 * np.pi * np.arange(samples) / samples)
     found, sizes = np.empty((len(amplitudes), len(shape))), np.abs(amplitudes[:, None] * shape)
     for i, size in enumerate(sizes):
@@ -75,13 +75,13 @@ def unstable_modes(contact: Sliding, flexibility: Fractions) -> Array:
 def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None, largest: float = 3.0) -> list[Orbit]:
     """Orbits of one harmonic at the crossing next to the fastest growing mode, or nearest to a frequency; best first.
 
-    The amplitudes tried end at `largest` belt speeds. There is no orbit if steady sliding is stable and no frequency was given,
-    or if no amplitude balances.
+    Amplitudes are tried up to `largest` times the belt speed. There is no orbit if steady sliding is stable and no frequency was
+    given, or if no amplitude balances one harmonic.
     """
     growing = unstable_modes(contact, flexibility)
     if not len(growing) and (near is None or contact.columns > 1):
         return []
-    # densest about the belt's speed, where the mass begins to stick
+    # densest around the belt's speed, where the mass begins to stick
     shares = np.concatenate([np.geomspace(1e-3, 0.3, 40), np.linspace(0.31, 1.3, 200), np.linspace(1.32, largest, 60)])
     amplitudes = float(contact.speeds.max()) * shares
     if contact.columns == 1:
@@ -98,7 +98,7 @@ def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None, l
                 a = amplitudes[i] - balance[i] * (amplitudes[i + 1] - amplitudes[i]) / (balance[i + 1] - balance[i] or 1.0)
                 found.append(Orbit(np.array([[a / 2 + 0j]]), float(omega[at])))
         return found
-    # of several columns the amplitude of the mode is increased until it neither grows nor decays
+    # with several columns, the amplitude of the mode is increased until the mode neither grows nor decays
     form, w = flexibility.found.form, flexibility.w
     target = complex(growing[0] if near is None else growing[np.argmin(np.abs(growing.imag - near))])
     shape, before = np.zeros(0), None
@@ -116,7 +116,7 @@ def seeds(contact: Sliding, flexibility: Fractions, near: float | None = None, l
 
 
 def port_function(flexibility: Fractions) -> PortFunction:
-    """The port function of a contact of one column (Im G = 0 at crossings), from the existing decomposition."""
+    """The port function of a contact of one column (Im G = 0 at crossings), from the decomposition of `flexibility`."""
     return PortFunction(flexibility.found.form, flexibility.w[:, 0], flexibility.found.values, flexibility.residues[:, 0])
 
 
@@ -185,16 +185,17 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
 
 def orbits(contact: Sliding, flexibility: Compliance, near: float | None,
            largest: float = 3.0) -> Iterator[tuple[list[Sliding], Orbit]]:
-    """Contacts from smooth to sharp with an initial orbit, beginning with the smoothest law at which an amplitude balances.
+    """Yields contacts from smooth to sharp laws with an initial orbit, beginning with the smoothest law for which there is one.
 
-    The amplitudes tried end at `largest` belt speeds: above the belt's own, friction reverses in each period and takes energy.
+    Amplitudes are tried up to `largest` times the belt speed. Above the belt speed, friction reverses in each period and
+    dissipates energy.
 
     Raises
     ------
     InputError
         The model is too large to compute all of its modes.
     NoCycleError
-        With the belts' own laws steady sliding is stable and no frequency was given, or no amplitude balances.
+        With the belts' own laws, steady sliding is stable and no frequency was given, or no amplitude balances one harmonic.
     """
     if contact.model.H is not None:
         raise InputError(f"{contact.model.name!r} has structural damping, with which no start is found by itself. Give start=, "

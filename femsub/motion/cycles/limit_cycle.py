@@ -1,4 +1,4 @@
-"""Limit cycles: the periodic motion of a model under its contacts, by harmonic balance on their columns alone."""
+"""Limit cycles: the periodic motion of a model under its contacts, by harmonic balance on the contacts' columns only."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST_HARMONICS = 1500  # that are chosen automatically
-PERIODS = (40, 160)  # of the motion in time, one after the other, where another start leads to no cycle
-TAIL = 1e-5  # share of a cycle that its highest harmonics may be together and yet be left out of a start
+MOST_HARMONICS = 1500  # largest number of harmonics that is chosen automatically
+PERIODS = (40, 160)  # lengths of the motion in time, tried one after the other if no other start leads to a cycle
+TAIL = 1e-5  # a start leaves out the highest harmonics of a cycle up to this share of it
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -52,16 +52,16 @@ class LimitCycle(Displayed):
     omega : float
         ω, rad per unit of time.
     harmonics : ndarray of complex, shape (H, p)
-        v_k, k = 1 … H, of the speed under the belts, v(t) = Σ v_k e^{ikωt} + conjugate; v_0 = 0. The largest is real.
+        v_k, k = 1 … H, of the speed under the belts, v(t) = Σ v_k e^{ikωt} + conjugate; v_0 = 0. The largest v_k is real.
     residual : float
         ‖R_k‖ / ‖v‖ over the harmonics kept.
     truncation : float
-        An estimate of the effect of the neglected harmonics, relative to the cycle: ‖Y(ikω) f_k‖ / ‖v‖ over them and, unless the
-        cycle is a point of a branch, by how much they change the harmonics kept and ω, to first order.
+        An estimate of the effect of the neglected harmonics, relative to the cycle: ‖Y(ikω) f_k‖ / ‖v‖ over these harmonics.
+        Unless the cycle is a point of a branch, their first-order effect on the kept harmonics and on ω is added.
     aliasing : float
         Change of the right-hand side, relative to ‖v‖, with four times as many samples.
     newton : int
-        Newton steps, all levels together.
+        The number of Newton steps in all levels together.
     stability : bool
         Whether `floquet` and `is_stable` compute multipliers. `dataclasses.replace(cycle, stability=True)` changes it.
 
@@ -112,18 +112,18 @@ class LimitCycle(Displayed):
 
     @cached_property
     def sticking(self) -> float:
-        """Share of the period in which a belt sticks, |v0 - v| ≤ 3 ε; NaN if a law has no ε, or without belts."""
+        """The share of the period in which a belt sticks, |v0 - v| ≤ 3 ε; NaN without belts, or if a law has no ε."""
         if self.contact.without_eps or not self.contact.belts:
             return np.nan
         return float(self.contact.sticks(self._wave).any(axis=0).mean())
 
     def row(self) -> dict[str, Any]:
-        """Its numbers by their names, for tables."""
+        """The numbers of the cycle by name, for tables."""
         return {"omega": self.omega, "rms": self.rms, "peak": self.peak, "sticking": self.sticking, "is_stable": self.is_stable,
                 "harmonics": self.orbit.harmonics, "truncation": self.truncation, "residual": self.residual}
 
     def tables(self) -> list[Table]:
-        """One row: its numbers."""
+        """One row with the numbers of the cycle."""
         columns = ["omega", "rms", "peak", "sticking", "is_stable", "harmonics", "truncation"]
         return [Table("cycle", [self.row()], columns, "Limit cycle")]
 
@@ -135,7 +135,7 @@ class LimitCycle(Displayed):
         return cycle_chart(t, v, moved, self.omega, self.contact.belts[0].speed if self.contact.belts else None, title)
 
     def velocity(self, t: Any) -> Array:
-        """v(t) = Wᵀq̇, shape of t for one column, `(p, *t.shape)` for several."""
+        """v(t) = Wᵀq̇, in the shape of t for one column, `(p, *t.shape)` for several columns."""
         times = np.asarray(t, dtype=float)
         found = np.moveaxis(2 * (np.exp(np.multiply.outer(times, self.orbit.s)) @ self.orbit.v).real, -1, 0)
         return found[0] if self.contact.columns == 1 else found
@@ -149,8 +149,10 @@ class LimitCycle(Displayed):
 
     @cached_property
     def floquet(self) -> Multipliers | None:
-        """The Floquet multipliers; None for more than 2,000 DOF, structural damping, or forces that depend on displacements, and
-        without `stability`.
+        """The Floquet multipliers, or None if they are not computed.
+
+        They are not computed for more than 2,000 DOF, structural damping, forces that depend on displacements, or if `stability`
+        is False.
         """
         if not self.stability or not self.contact.by_speed or not isinstance(self.flexibility, Fractions):
             return None
@@ -158,7 +160,7 @@ class LimitCycle(Displayed):
 
     @property
     def is_stable(self) -> bool | None:
-        """Whether all multipliers but the trivial one lie inside the unit circle; None if undecided or not computed."""
+        """Whether all multipliers except the trivial one lie inside the unit circle; None if undecided or not computed."""
         return None if self.floquet is None else self.floquet.is_stable
 
     def __repr__(self) -> str:
@@ -178,27 +180,31 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
 
     M q̈ + D q̇ + K q = W f(Wᵀq, Wᵀq̇) is solved for the periodic speeds v = Wᵀq̇: v_k = Y(ikω) f_k(v), k = 1 … H, with the
     mobility Y(s) = s Wᵀ(s²M + sD + K)⁻¹W (p, p). The frequency ω is an unknown as well. Structural damping H acts exactly: every
-    harmonic has K + iH. Then a `start` is needed that is no frequency, such as the cycle of `equivalent_viscous(model, ω)`, and
-    there are no multipliers.
+    harmonic has K + iH. A model with H needs a `start` other than a frequency, such as the cycle of
+    `equivalent_viscous(model, ω)`, and its cycle has no multipliers.
 
     Parameters
     ----------
     model : Substructure
         Full or reduced.
     contacts : Belt or another contact, or a sequence of them
-        As for `transient`. With contacts that are no belts a `start` is needed that moves (not a frequency). Of forces that
-        depend on displacements no multipliers are computed: `shoot` has them.
+        As for `transient`. If a contact is not a belt, `start` must be a motion (not a frequency). Multipliers are not computed
+        for forces that depend on displacements: use `shoot`.
     harmonics : int, optional
-        H. By default it is increased, at most doubled at a time, until the effect of the neglected ones is smaller than `tol`.
-        Where the iteration does not converge, it is doubled as long as that ends nearer to a cycle. The limit is 1500.
+        H. By default it is increased, at most doubled at a time, until the effect of the neglected harmonics is smaller than
+        `tol`. If the iteration does not converge, H is doubled as long as the iteration then ends nearer to a cycle. The limit
+        is 1500.
     start : optional
-        The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. Default: the mode of steady
-        sliding that grows fastest; where that starts no cycle, in a model of up to 300 DOF, the motion in time from there. A
-        frequency: the linear model's crossing nearest to it. A `LimitCycle` of any model under the same contacts. A
-        `Transient` whose second half is periodic; it is continued if it starts no cycle, is of this model, and `harmonics` are
-        not given. Or (t, v) with v the speeds of their columns, shape (m,) or (p, m).
+        The initial guess. Usually there is one cycle per unstable mode, and `start` selects it. The default is the mode of steady
+        sliding that grows fastest. If no cycle is found from it, the motion in time from there follows, for up to 300 DOF.
+
+        - A frequency: the linear model's crossing nearest to it.
+        - A `LimitCycle` of any model under the same contacts.
+        - A `Transient` whose second half is periodic. If it is of this model and leads to no cycle, and `harmonics` is not given,
+          its motion is continued.
+        - (t, v) with the speeds v of the contacts' columns, shape (m,) or (p, m).
     tol : float
-        Largest effect of the neglected harmonics, relative to the cycle.
+        The largest effect of the neglected harmonics, relative to the cycle.
 
     Returns
     -------
@@ -214,7 +220,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     Warns
     -----
     FemsubWarning
-        The effect of the neglected harmonics is larger than `tol`; the message has its figure and a sufficient number.
+        The effect of the neglected harmonics is larger than `tol`. The message has its size and a sufficient number.
 
     References
     ----------
@@ -232,7 +238,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
     """
     contact = sliding(model, contacts, "harmonic balance", structural=True)
     if harmonics is not None:
-        whole_number("harmonics", harmonics, least=1, most=100_000)  # each needs some 16 samples of every column
+        whole_number("harmonics", harmonics, least=1, most=100_000)  # each needs about 16 samples of every column
     if not 0 < finite_number("tol", tol) < 1:
         raise InputError(f"tol must lie between 0 and 1, such as 1e-4, not {tol!r}")
     if all(isinstance(one, Belt) and one.force == 0 for one in contact.contacts):
@@ -245,7 +251,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
             orbit, residual, turns = _converged(balance, [begin], min(count, most) if harmonics is None else harmonics, most, tol)
             while True:
                 steps += turns
-                if (periods := orbit.periods) > 1:  # the start had several
+                if (periods := orbit.periods) > 1:  # the start had several periods
                     one = replace(orbit, v=orbit.v[periods - 1::periods], omega=periods * orbit.omega)
                     orbit, residual, turns = _converged(balance, [one], harmonics or one.harmonics, most, tol)
                     continue
@@ -256,7 +262,7 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
                 count = min(most, 2 * orbit.harmonics, max(enough, orbit.harmonics + 1))
                 orbit, residual, turns = _converged(balance, [orbit, begin], count, most, tol)
         except NotConvergedError as error:
-            if harmonics is not None:  # there may be too few
+            if harmonics is not None:  # the given number may be too small
                 raise
             failed = failed or error
         else:
@@ -273,12 +279,12 @@ def harmonic_balance(model: Substructure, contacts: Contact | Sequence[Contact],
 
 
 def flexibility_of(contact: Sliding, start: Any) -> Compliance:
-    """The compliance of the cycle to start from, if it is of the same model (a sparse model keeps its responses); else a new one.
+    """The compliance of the start cycle if it has the same model (the responses of a sparse model are kept); otherwise a new one.
 
     Raises
     ------
     InputError
-        The model floats, or the cycle moves another number of columns than the contact has.
+        The model floats, or the cycle and the contact have different numbers of columns.
     """
     _ = contact.equilibrium  # raises an error for a floating model
     if not isinstance(start, LimitCycle):
@@ -291,15 +297,15 @@ def flexibility_of(contact: Sliding, start: Any) -> Compliance:
 
 
 def _converged(balance: Balance, starts: list[Orbit], count: int, most: int, tol: float) -> tuple[Orbit, float, int]:
-    """`Balance.solve` from the first start that converges with `count` harmonics, or with more while too few may be the cause.
+    """`Balance.solve` from the first start that converges with `count` harmonics, or with more if `count` may be too small.
 
-    They may be if they leave out more than `tol`, and if each doubling halves the residual where the steps end: from a start
-    far from any cycle they end far from one with any number.
+    It may be too small if the neglected harmonics exceed `tol`, and if each doubling halves the residual at the end of the steps.
+    From a start far from any cycle, the steps end far from a cycle with any number of harmonics.
 
     Raises
     ------
     NotConvergedError
-        With the last number.
+        There was no convergence with the last number of harmonics.
     """
     before = np.inf
     while True:
@@ -317,14 +323,14 @@ def _converged(balance: Balance, starts: list[Orbit], count: int, most: int, tol
 
 
 def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -> Iterator[tuple[Orbit, int, int]]:
-    """Initial orbits with all that is known of them, the number of harmonics to begin with, and the Newton steps they took.
+    """Yields initial orbits with all their known harmonics, the number of harmonics to begin with, and the Newton steps taken.
 
-    The next one is tried if no cycle is found from one.
+    The caller tries the next orbit if it finds no cycle from an orbit.
 
     Raises
     ------
     NotConvergedError
-        The first one of a level, where neither that nor the motion in time starts a cycle.
+        The first failure of a level, if neither the levels nor the motion in time led to a cycle.
     """
     if isinstance(start, LimitCycle):
         beyond = np.sqrt(np.cumsum(np.square(np.linalg.norm(start.harmonics, axis=1))[::-1])[::-1])
@@ -358,7 +364,7 @@ def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -
             failed = failed or error
         else:
             yield orbit, orbit.harmonics, steps
-    # unless the cycle near a frequency is asked for: the motion in time, from the first of these orbits of one harmonic on
+    # then the motion in time from the first of these orbits of one harmonic, unless a frequency was given
     if first is not None and near is None:
         state = LimitCycle(contact, first, flexibility, np.nan, np.nan, np.nan).state()
         yield from _in_time(contact, flexibility, state, first.omega)
@@ -367,7 +373,7 @@ def _starts(contact: Sliding, flexibility: Compliance, start: Any, tol: float) -
 
 
 def _speeds(contact: Sliding, run: Transient) -> Array:
-    """Wᵀq̇ of a transient, (p, m): of its states, or as recorded at the ports."""
+    """Wᵀq̇ of a transient, (p, m): from its states, or as recorded at the ports."""
     if run.states is not None and run.contact.model is contact.model:
         return np.asarray(contact.W.T @ run.states[1].T)
     if bare := next((one for one in contact.contacts if getattr(one, "sets", ())), None):
@@ -377,7 +383,7 @@ def _speeds(contact: Sliding, run: Transient) -> Array:
 
 
 def _in_time(contact: Sliding, flexibility: Compliance, state: State, omega: float) -> Iterator[tuple[Orbit, int, int]]:
-    """Starts from the motion in time from a state on, longer and longer, where it is periodic. Large models have none."""
+    """Yields starts from the motion in time after a state, at increasing times, if it is periodic. Large models have none."""
     if not isinstance(flexibility, Fractions) or contact.model.size > DENSE:
         return
     for periods in PERIODS:

@@ -3,8 +3,8 @@
     F(y, T) = y(T; y) - y = 0,  ẏ(0)·(y - y_0) = 0,   y = (q, q̇) (2n,)
 
 by Newton's method. dF/dy = Φ(T) - I comes from the variational equation, integrated together with y by an explicit
-Runge-Kutta method of order 8 (SciPy's DOP853). The Floquet multipliers are a by-product. The cost grows with n³, so it is for
-models of a few dozen DOF. Its purpose is to check harmonic balance (Peeters et al., Mech. Syst. Signal Process. 23 (2009) 195).
+Runge-Kutta method of order 8 (SciPy's DOP853). The Floquet multipliers are a by-product. The cost grows with n³, so shooting is
+for models of a few dozen DOF. It serves to check harmonic balance (Peeters et al., Mech. Syst. Signal Process. 23 (2009) 195).
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from femsub.output import Chart, Displayed, Table
 if TYPE_CHECKING:
     from femsub.model import Contact, Substructure
 
-FEW_DOF = 60  # of a model: the variational equation has (2n)² unknowns
-CLOSED = EPS**0.5  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed: Newton's next step would end at rounding
-OSCILLATIONS = 100  # of the lowest elastic mode in a period, at most: its integration would take too long
+FEW_DOF = 60  # largest number of DOF: the variational equation has (2n)² unknowns
+CLOSED = EPS**0.5  # ‖y(T) - y‖ / ‖y‖ at which the orbit counts as closed: Newton's next step would reach rounding
+OSCILLATIONS = 100  # largest number of oscillations of the lowest elastic mode in a period: more would take too long
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,7 +40,7 @@ class ShotCycle(Displayed):
     Attributes
     ----------
     state : State
-        Its initial state.
+        A state on the cycle.
     period : float
     multipliers : ndarray of complex, shape (2n,)
         All Floquet multipliers, the largest first; one of them is 1.
@@ -49,7 +49,7 @@ class ShotCycle(Displayed):
     velocity : ndarray, shape (p, m)
         Speeds under the belts at m equidistant times of one period.
     steps : int
-        Newton steps.
+        The number of Newton steps.
 
     Examples
     --------
@@ -84,12 +84,12 @@ class ShotCycle(Displayed):
 
     @property
     def is_stable(self) -> bool:
-        """Whether all multipliers but the one nearest to 1 lie inside the unit circle."""
+        """Whether all multipliers except the one nearest to 1 lie inside the unit circle."""
         others = np.delete(self.multipliers, np.argmin(np.abs(self.multipliers - 1)))
         return bool(np.abs(others).max(initial=0.0) < 1)
 
     def tables(self) -> list[Table]:
-        """One row: its numbers."""
+        """One row with the numbers of the cycle."""
         row = {"omega": self.omega, "rms": self.rms, "peak": self.peak,
                "is_stable": self.is_stable, "residual": self.residual}
         return [Table("cycle", [row], ["omega", "rms", "peak", "is_stable", "residual"], "Limit cycle")]
@@ -133,7 +133,7 @@ def shoot(model: Substructure, contacts: Contact | Sequence[Contact], start: Lim
     Raises
     ------
     InputError, InputTypeError
-        A model of more than 60 DOF, a state without a period, or of another size.
+        A model of more than 60 DOF; a state without a period, or of another size than the model.
     NotConvergedError
         The orbit did not close.
 
