@@ -85,7 +85,8 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
     room = n - known
     b = min(block, room // 4)
     most = min(room - b, int(2.5 * count) + 4 * b)
-    whole, T = np.zeros((n, known + most + b), order="F"), np.zeros((most + b, most + b))
+    columns, T = np.zeros((known + most + b, n)), np.zeros((most + b, most + b))
+    whole = columns.T
     whole[:, :known], V = locked, whole[:, known:]
 
     def random(columns: int) -> Array:
@@ -121,6 +122,12 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
         raise NotConvergedError(f"a block of {size} columns could not be made orthogonal to the {known + at} before it. Ask for "
                                 "fewer modes, or check the matrices")
 
+    def mixed(into: Array, Y: Array) -> None:
+        """VY takes the place of the first columns of `into`: a second basis may not fit beside a large factor."""
+        for start in range(0, n, LARGE):
+            rows = slice(start, start + LARGE)
+            into[rows, :Y.shape[1]] = _product(V[rows, :len(Y)], Y)
+
     _, _, MQ = put(random(b), 0)
     first, m, done, looked = 0, 0, 0, 0
     while True:
@@ -140,7 +147,9 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
             residual = np.linalg.norm(rest[:, :count], axis=0)
             due = seen(theta[:count], residual / theta[:count]) if m >= count and (theta[:count] > 0).all() else count
             if m >= count and (residual <= tol * np.abs(theta[:count]))[:due].all():  # AX = XΘ + QREᵀY: this step needs no solve
-                return theta[:count], _product(V[:, :m + b], np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
+                mixed(whole, np.vstack([Y[:, :count], rest[:, :count] / theta[:count]]))
+                columns.resize((count, n), refcheck=False)  # nothing reads `whole` and V any more
+                return theta[:count], columns.T
         if full:
             if done == restarts:
                 good = int(np.count_nonzero(residual <= tol * np.abs(theta[:count])))
@@ -148,9 +157,7 @@ def _ritz_vectors(factor: Handle, M: Matrix, count: int, tol: float, locked: Arr
                                         "fewer modes, or check the matrices")
             done += 1
             keep = min((2 * count + 3 * m) // 5, m - b)
-            for start in range(0, n, LARGE):  # in place: a second basis may not fit beside a large factor
-                rows = slice(start, start + LARGE)
-                V[rows, :keep] = _product(V[rows, :m], Y[:, :keep])
+            mixed(V, Y[:m, :keep])
             V[:, keep:keep + b] = V[:, m:m + b]
             T[:] = 0.0
             T[np.arange(keep), np.arange(keep)] = theta[:keep]
