@@ -136,8 +136,7 @@ class FrequencyResponse(Frozen, Displayed):
         return found
 
     def errors(self, full: FrequencyResponse) -> list[dict[str, Any]]:
-        """For each response to each load: the largest error bound over the largest size, its ω, and the largest local ratio.
-        """
+        """For each response to each load: the largest error bound over the largest size, its ω, and the largest local ratio."""
         rows, bound = [], self.error(full)
         for j, i in product(range(len(self.loads)), range(len(self.responses))):
             size, error = np.abs(full.receptance[:, i, j]), bound[:, i, j]

@@ -355,8 +355,7 @@ class ShiftInvert:
         return self.lowest
 
     def _lowest(self, count: int, basis: Array | None = None) -> Array:
-        """M-orthonormal shapes (n, count) near the lowest elastic modes, M-orthogonal to `basis` (by default rigid modes).
-        """
+        """M-orthonormal shapes (n, count) near the lowest elastic modes, M-orthogonal to `basis` (by default rigid modes)."""
         x = self.deflate(self._start(5, count), basis)  # else a solve would enlarge rigid motion until others are rounding
         for _ in range(10):
             x = orthonormal(self.deflate(self.factor.solve(self.M @ x), basis), self.M.__matmul__)[0]
@@ -419,8 +418,7 @@ class ShiftInvert:
 
     @property
     def surely_rigid(self) -> int:
-        """The number of rigid-body modes, the first ones, that are carried or due to single DOF: K may have rounding there.
-        """
+        """The number of rigid-body modes, the first ones, that are carried or due to single DOF: K may have rounding there."""
         return self.rigid.shape[1] if self._given is not None else min(len(self.loose), self.rigid.shape[1])
 
     @property

@@ -74,8 +74,7 @@ class WholeTerm(NamedTuple):
         return cls(power, T, *sides)
 
     def columns(self, least: float) -> tuple[list[Array], list[float], float]:
-        """Q_L and Q_R of singular values above `least`, ‖B_L‖ and ‖B_R‖, and the sum of the largest values left out.
-        """
+        """Q_L and Q_R of singular values above `least`, ‖B_L‖ and ‖B_R‖, and the sum of the largest values left out."""
         Q, outside, rest = [], [], 0.0
         for size, vectors, outer in (self.left, self.right):
             k = int(np.count_nonzero(size > least))

@@ -313,8 +313,7 @@ def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,
 
 def beside_the_full(model: Substructure, contacts: Contacts, *, band: tuple[float, float] | None = None,
                     evidence: bool | None = None) -> ComplexModes:
-    """`complex_modes` in a band that may reach above the cut-off, for comparisons; the evidence is 'not checked' then.
-    """
+    """`complex_modes` in a band that may reach above the cut-off, for comparisons; the evidence is 'not checked' then."""
     found = _listed(model, contacts, pencil_of(model, contacts), None, band, None, evidence)
     return found if band is None or not beyond(band[1], model.cutoff) else replace(found, tally=Tally(len(found)))
 

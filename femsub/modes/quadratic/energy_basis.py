@@ -313,8 +313,7 @@ class EnergyBasis:
         return self.add(R)
 
     def residuals(self, s: Array, x: Array, adjoint: bool = False) -> Array:
-        """The part of A⁻¹P(s)Vx outside V, or with Pᴴ if `adjoint`; real and imaginary parts of columns alternate, (n, 2k).
-        """
+        """The part of A⁻¹P(s)Vx outside V, or with Pᴴ if `adjoint`; real and imaginary parts of columns alternate, (n, 2k)."""
         if not self.kept:
             loads = self.forces(s, x, adjoint)
             return np.asarray(self.solve(loads) - self.V @ (self.V.T @ loads))

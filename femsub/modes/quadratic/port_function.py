@@ -35,8 +35,7 @@ class PortFunction:
 
     @classmethod
     def of(cls, form: ModalForm, w: Array, decomposition: tuple[Array, Array, Array] | None = None) -> PortFunction:
-        """The function G of a port w (n,); `decomposition` is λ, left and right vectors of the state matrix, if known.
-        """
+        """The function G of a port w (n,); `decomposition` is λ, left and right vectors of the state matrix, if known."""
         n, r = len(form.omega), form.rigid
         values, left, right = decomposition or la.eig(form.state(), left=True, right=True, check_finite=False)
         scale = np.einsum("ij,ij->j", left.conj(), right)

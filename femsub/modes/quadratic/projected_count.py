@@ -285,14 +285,6 @@ class Projection(EnergyBasis):
         largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
         return images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
 
-    def _varied(self) -> tuple[list[WholeTerm], tuple[Array, float]]:
-        """Each change as a whole term, and `images_outside`."""
-        if self._parts is None:
-            halves = [[i for i, (place, _) in enumerate(self.own_weights) if place == q] for q in range(len(self.changes))]
-            whole = [WholeTerm.of(self, several, change.power) for several, change in zip(halves, self.changes, strict=True)]
-            self._parts = whole, self.images_outside()
-        return self._parts
-
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions (n, k), from which free rigid motion is removed; return whether V has grown."""
         m, p = self.size, len(self.terms)
@@ -334,7 +326,12 @@ class Projection(EnergyBasis):
                 return None
             (margin, new), place = small.margin(contour, c), ""
             if margin < SAFE and self.half.any():
-                changes, outside = self._varied()
+                if self._parts is None:  # each change as a whole term
+                    places = [place for place, _ in self.own_weights]
+                    whole = [WholeTerm.of(self, [i for i, place in enumerate(places) if place == q], change.power)
+                             for q, change in enumerate(self.changes)]
+                    self._parts = whole, self.images_outside()
+                changes, outside = self._parts
                 cell = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)), outside)
                 margin, new, self.blamed, s = cell.margin()
                 place = f" at s = {s:.5g} for all values"

@@ -170,8 +170,7 @@ class _Errors:
         self._slow, self._most = np.zeros(number, dtype=int), slow
 
     def add(self, here: Array, error: Array) -> Array:
-        """Store the errors of the pairs `here`; return the factor expected of the next sweep: that of this one, at least 1/2.
-        """
+        """Store the errors of the pairs `here`; return the factor expected of the next sweep: that of this one, at least 1/2."""
         last = self._last[here]  # infinite at first
         self._slow[here] += ~(error < last / 2)
         self._last[here], self._least[here] = error, np.minimum(error, self._least[here])
@@ -184,8 +183,7 @@ class _Errors:
 
     @property
     def done(self) -> Array:
-        """Which pairs are solved: the error is below `SUMS`, or it is below `ROUNDING` and no longer falls.
-        """
+        """Which pairs are solved: the error is below `SUMS`, or it is below `ROUNDING` and no longer falls."""
         lowest = ((self._slow > 1) & (self._last <= self._least)) | (self._slow > 2 * self._most)
         return (self._last <= SUMS) | (lowest & (self._last < ROUNDING))
 

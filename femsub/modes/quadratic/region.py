@@ -135,8 +135,7 @@ class Region:
         return np.unique(np.append(np.arange(len(values)), pairs)[self.listed(every)])
 
     def beside(self, values: Array) -> Array:
-        """`upper` of a region with four more values, or a box wider by 1 %: corrections may move these into the region.
-        """
+        """`upper` of a region with four more values, or a box wider by 1 %: corrections may move these into the region."""
         if self.box is None:
             return replace(self, count=(self.count or len(values)) + 4).upper(values)
         a, b, lo, hi = self.box

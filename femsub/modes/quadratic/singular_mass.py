@@ -287,8 +287,7 @@ def _by_qz(A: Array, B: Array, number: int) -> Eigenpairs:
 
 
 def qz_of(pencil: Pencil, drifting: int = 0) -> Eigenpairs:
-    """Eigenpairs by QZ on the companion form, states (q, q̇); only q̇ for the first `drifting` DOF, which have no stiffness.
-    """
+    """Eigenpairs by QZ on the companion form, states (q, q̇); only q̇ for the first `drifting` DOF, which have no stiffness."""
     rows, columns = pencil.units
     M, D, K = (scaled(part, rows, columns) for part in (pencil.M, pencil.D, pencil.K))
     mass, damping, stiffness = (np.linalg.norm(part, 2) for part in (M, D, K))

@@ -70,8 +70,7 @@ class Shifted:
             return float(min(growth[0] ** -0.5, 1 / growth[1]))
 
     def _free_shift(self, symmetric: bool) -> float:
-        """The shift for a singular K: half of the first elastic frequency, or for unsymmetric matrices from min k_ii / m_ii.
-        """
+        """The shift for a singular K: half of the first elastic frequency, or for unsymmetric matrices from min k_ii / m_ii."""
         if symmetric:
             handle = ShiftInvert(self.pencil.K, self.pencil.M, carried=self.pencil.rigid_motion)
             self.rigid = handle.rigid

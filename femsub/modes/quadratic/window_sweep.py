@@ -443,8 +443,7 @@ class Window:
         return found
 
     def single(self, s: complex, a: float, b: float, i: int) -> float:
-        """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ of the equation left for g_i; inf if none.
-        """
+        """A bound of |φ - (λ_i - s + t b_i)| for complex |s' - s| ≤ a, |t| ≤ b, φ of the equation left for g_i; inf if none."""
         given = self.segment(s, a)
         F = None if given is None else self.rest(given, b)
         if F is None:
