@@ -331,6 +331,14 @@ def test_it_is_a_sum_of_products_of_its_numbers(names: list[str], terms: tuple[i
     assert family.factor_ranges({name: box[name] for name in family.parameters})[2].all()
 
 
+def test_a_contact_keeps_its_matrices_and_not_its_shape_functions() -> None:
+    system, meshes = pair()
+    added(system, rubbing(meshes))
+    points = contact_points((meshes["pad"], "bottom", "pad.bottom"), (meshes["plate"], "top", "plate.top"), None)
+    assert len(points.terms) == 1  # those of this system: it is the same pair of surfaces
+    assert not {"shapes", "J"} & {*vars(points.first), *vars(points.second)} and "normal" not in vars(points)
+
+
 def test_contacts_on_the_same_surfaces_do_not_share_their_directions() -> None:
     mesh = fs.block((0.1, 0.05, 0.02), (2, 1, 1), "hexahedron")
     pad = fs.solid(mesh, fs.Material(2.1e11, 0.3, 7850.0), supports=["top"], interface=["bottom"])

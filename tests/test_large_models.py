@@ -52,6 +52,12 @@ def test_block_lanczos_finds_pairs(block: int) -> None:
     assert np.linalg.norm(sub.K @ shapes - sub.M @ shapes * values) < 1e-9 * values.max()
 
 
+def test_block_lanczos_leaves_no_memory_but_that_of_its_shapes() -> None:
+    sub = membrane(25)
+    _, shapes = block_lanczos(SparseFactor(sub.K, "definite"), sub.M, 0.0, 30, tol=1e-10)
+    assert shapes.base is None or shapes.base.nbytes == shapes.nbytes
+
+
 def test_block_lanczos_beside_known_shapes() -> None:
     sub = lattice(20, 18)
     handle = ShiftInvert(sub.K, sub.M)
