@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -67,3 +70,19 @@ def test_what_cannot_be_analysed_says_so() -> None:
         fs.spectrogram(T, np.sin(T), 5000.0)
     with pytest.raises(fs.InputError, match="at least 5 peaks"):
         fs.growth_rate(T[:50], np.exp(T[:50]))
+
+
+@pytest.mark.parametrize("found", [fs.spectrum, fs.rms, fs.growth_rate, lambda t, x: fs.spectrogram(t, x, 50.0)])
+def test_times_must_be_a_uniform_grid(found: Callable[..., Any]) -> None:
+    x = np.exp(0.012 * T) * np.cos(1.3 * T)
+    rounded = T + 0.01 * (T[1] - T[0]) * (-1.0) ** np.arange(len(T))  # as in a file
+    assert found(rounded, x)
+    with pytest.raises(fs.InputError, match=r"must be a uniform grid, but .* steps away from it. Interpolate"):
+        found(T**1.1, x)
+    with pytest.raises(fs.InputError, match=r"must increase, but .* Sort t"):
+        found(T[::-1], x)
+    with pytest.raises(fs.InputError, match="must increase"):
+        found(np.append(T, T[-1]), np.append(x, 0.0))
+    t = T**1.1
+    even = np.linspace(t[0], t[-1], len(t))  # the remedy that the error names
+    assert found(even, np.interp(even, t, x))

@@ -75,7 +75,7 @@ class Models:
     # the full model
 
     @cached_property
-    def _built(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, str], float]:
+    def _built(self) -> tuple[Any, dict[str, fs.Mesh], dict[str, list[str]], float]:
         """The full model; name of a part in it → mesh; part of the scene → names of its pieces; seconds that this took."""
         return self.kept(("full", self._key), self._build)
 

@@ -97,7 +97,7 @@ def spectrum(t: Array, signal: Array, between: tuple[float, float] | None = None
     Raises
     ------
     InputError
-        Fewer than 32 points, a time and a signal of different lengths, a floor outside 0 to 1.
+        Fewer than 32 points, times that are no uniform grid, a time and a signal of different lengths, a floor outside 0 to 1.
 
     Examples
     --------
@@ -230,8 +230,12 @@ def period_near(t: Array, signal: Array, guess: float) -> float:
     return float(trial[np.argmin(gap)])
 
 
-def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int) -> tuple[Array, Array, float]:
-    """The part of a signal, its times and its step, checked."""
+def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: int, uneven: float = 0.05
+            ) -> tuple[Array, Array, float]:
+    """The part of a signal, its times and its step, checked. Times may be `uneven` steps away from a uniform grid.
+
+    Files have rounded times. At a twentieth of the sampling frequency 0.05 steps are a phase of 1°.
+    """
     times, x = real_array("t", t), real_array("signal", signal, finite=False)
     if times.ndim != 1 or x.shape != times.shape:
         raise InputError(f"t and the signal must have the same length, but their shapes are {times.shape} and {x.shape}. "
@@ -243,4 +247,14 @@ def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: in
     if len(times) < fewest:
         span = "the signal" if between is None else f"the part between {between[0]:g} and {between[1]:g}"
         raise InputError(f"{span} has {len(times)} points, but at least {fewest} are needed")
-    return times, x, float((times[-1] - times[0]) / (len(times) - 1)) if len(times) > 1 else np.nan
+    if len(times) == 1:
+        return times, x, np.nan
+    if (back := np.flatnonzero(np.diff(times) <= 0)).size:
+        raise InputError(f"t must increase, but {times[back[0] + 1]:g} comes after {times[back[0]]:g}. Sort t and the signal by "
+                         "t, and leave out times that are there twice")
+    step = float((times[-1] - times[0]) / (len(times) - 1))
+    away = np.abs(times - (times[0] + step * np.arange(len(times)))) / step
+    if away.max() > uneven:
+        raise InputError(f"t must be a uniform grid, but {times[away.argmax()]:g} is {away.max():.2g} steps away from it. "
+                         "Interpolate the signal first: even = np.linspace(t[0], t[-1], len(t)), and np.interp(even, t, signal)")
+    return times, x, step

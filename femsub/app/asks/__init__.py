@@ -29,7 +29,7 @@ class Ask(Kind):
                             otherwise="that of the scene")
     vary: dict[str, list[Any]] = key({}, "values of other keys; the analysis runs for each: {\"part.chain.belt\" = [1, 2, 3]}; "
                                      "several keys: all combinations", otherwise="none")
-    note: str = key("", "a line of text at the foot of its figures", otherwise="nothing")
+    note: str = key("", "a line of text below the titles of its figures", otherwise="nothing")
 
     FAMILY: ClassVar[str] = "ask"
     alone: ClassVar[bool] = False  #: whether a scene without a part may ask it
