@@ -90,7 +90,7 @@ def test_what_cannot_be_met_or_counted_is_refused_with_the_reason() -> None:
     turning = np.triu(np.full((60, 60), 10.0), 1)
     masses = fs.Substructure(np.eye(60), np.diag(np.arange(1.0, 61.0)), turning - turning.T, ports={"n": np.eye(60)[0],
                                                                                                   "t": np.eye(60)[1]})
-    with pytest.raises(fs.NotConvergedError, match=r"cannot be counted: damping or gyroscopic .* Lower the band"):
+    with pytest.raises(fs.NotConvergedError, match=r"cannot be counted: inertia, damping and gyroscopic .* Lower the band"):
         fs.reduce(masses, fs.ContactModes(band=(0.0, 2.0), tol=1e-2, contacts=Rub()))
 
 
