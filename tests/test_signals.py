@@ -77,12 +77,16 @@ def test_times_must_be_a_uniform_grid(found: Callable[..., Any]) -> None:
     x = np.exp(0.012 * T) * np.cos(1.3 * T)
     rounded = T + 0.01 * (T[1] - T[0]) * (-1.0) ** np.arange(len(T))  # as in a file
     assert found(rounded, x)
-    with pytest.raises(fs.InputError, match=r"must be a uniform grid, but .* steps away from it. Interpolate"):
+    with pytest.raises(fs.InputError, match=r"must be a uniform grid, but .* steps away from it. Let even"):
         found(T**1.1, x)
     with pytest.raises(fs.InputError, match=r"must increase, but .* Sort t"):
         found(T[::-1], x)
     with pytest.raises(fs.InputError, match="must increase"):
         found(np.append(T, T[-1]), np.append(x, 0.0))
     t = T**1.1
-    even = np.linspace(t[0], t[-1], len(t))  # the remedy that the error names
+    even = np.linspace(t[0], t[-1], len(t))  # the remedies that the error names
     assert found(even, np.interp(even, t, x))
+    few = np.float64(np.float32(T + 4e5))
+    with pytest.raises(fs.InputError, match="if t only lacks digits, give even in its place"):
+        found(few, x)
+    assert found(np.linspace(few[0], few[-1], len(few)), x)

@@ -250,11 +250,12 @@ def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: in
     if len(times) == 1:
         return times, x, np.nan
     if (back := np.flatnonzero(np.diff(times) <= 0)).size:
-        raise InputError(f"t must increase, but {times[back[0] + 1]:g} comes after {times[back[0]]:g}. Sort t and the signal by "
-                         "t, and leave out times that are there twice")
+        raise InputError(f"t must increase, but {times[back[0] + 1]:.12g} comes after {times[back[0]]:.12g}. Sort t and the "
+                         "signal by t, and leave out times that are there twice")
     step = float((times[-1] - times[0]) / (len(times) - 1))
     away = np.abs(times - (times[0] + step * np.arange(len(times)))) / step
     if away.max() > uneven:
-        raise InputError(f"t must be a uniform grid, but {times[away.argmax()]:g} is {away.max():.2g} steps away from it. "
-                         "Interpolate the signal first: even = np.linspace(t[0], t[-1], len(t)), and np.interp(even, t, signal)")
+        raise InputError(f"t must be a uniform grid, but {times[away.argmax()]:.12g} is {away.max():.2g} steps away from it. "
+                         "Let even = np.linspace(t[0], t[-1], len(t)). Interpolate the signal first, np.interp(even, t, signal); "
+                         "if t only lacks digits, give even in its place")
     return times, x, step

@@ -267,7 +267,7 @@ class Projection(EnergyBasis):
 
         Times EPS it bounds the effect of rounding in the entries on VᵀAV or VᵀTV.
         """
-        blocks = [V[:, at] for at in few_at_a_time(V.shape[1], self.size // 2)]
+        blocks = [V[:, at] for at in few_at_a_time(V.shape[1], self.size // 2)]  # each has three images beside it
 
         def size(B: Sum) -> Array:
             columns = []
