@@ -392,6 +392,27 @@ def test_a_truncation_splits_no_pair() -> None:
         assert np.abs(Q @ A @ right - Q @ right * values).max(initial=0.0) < 1e-12
 
 
+def test_free_damped_models_with_massless_dof_have_exact_zeros() -> None:
+    """QZ alone splits a double eigenvalue at 0 into ±1e-8, one of which would grow."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        n, pieces = int(rng.integers(4, 15)), int(rng.integers(1, 3))  # trees of springs
+        mass = np.where((rng.random(n) < 0.5) & (np.arange(n) >= 2), 0.0, np.exp(rng.normal(0, 2, n)))
+        K, D = np.zeros((2, n, n))
+        for i in range(pieces, n):
+            stretch = np.eye(n)[i] - np.eye(n)[rng.integers(i)]
+            K += np.exp(rng.normal(0, 3)) * np.outer(stretch, stretch)
+            D += (rng.random() < 0.4) * np.outer(stretch, stretch)
+        floor = np.diag(0.3 * (rng.random(n) < 0.2)) * bool(rng.random() < 0.5)
+        sub = fs.Substructure(*map(sp.csr_array, (np.diag(mass), K, D + floor)), [0])
+        modes = fs.complex_modes(sub)
+        Z = la.null_space(K)
+        zeros = 2 * Z.shape[1] - np.linalg.matrix_rank(Z.T @ floor @ Z)
+        assert np.count_nonzero(modes.eigenvalues == 0) == zeros, seed
+        assert modes.is_stable is not False, seed
+        assert modes.evidence == "certified", seed
+
+
 @pytest.mark.slow
 def test_random_massless_models() -> None:
     counts, wrong = sweep(range(MODELS), every=3)

@@ -59,7 +59,7 @@ from femsub.model import (
 
 if TYPE_CHECKING:
     from femsub.algebra import CountBeside
-    from femsub.model import Substructure
+    from femsub.model import Pencil, Substructure
 
 BLURRED = 1e-3  # relative change of ω² by rounding in K above which K alone gives no ω², but K Z = 0 may
 BY_MULTIPLIERS = "joints are assembled by multipliers (assembly='primal' has the same modes)"
@@ -555,10 +555,10 @@ class ShiftInvert:
 
 def motion_of(carried: Carried) -> RigidMotion | None:
     """The rigid motion that a model carries; None if it carries none, or if rounding does not let it be decided."""
-    return found(carried, _of_full)
+    return found(carried, of_full)
 
 
-def _of_full(part: Substructure) -> RigidMotion | None:
+def of_full(part: Substructure | Pencil) -> RigidMotion | None:
     """The rigid motion of a part that carries none, from its own K; None for a large part, or if it is not clear."""
     if part.size > DENSE:
         return None

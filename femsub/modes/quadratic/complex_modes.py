@@ -220,11 +220,14 @@ class ComplexModes(Shaped):
     def __repr__(self) -> str:
         verdict = {True: "stable", False: f"unstable ({len(self.unstable)} of them grow)",
                    None: "stability undecided within the error bars"}[self.is_stable]
+        if self.growth == -np.inf:
+            verdict = "none of which decides stability"  # rigid motion, or above the cut-off
         verdict += until(self.cutoff) if self.searched is None or np.isnan(self.cutoff) else ""
+        verdict += f", largest Re λ {self.growth:.6g}" if self.growth > -np.inf else ""
         worst = f"{self.backward_error.max():.0e}" if len(self) else "none"
         beyond = f", {int(self.above_cutoff.sum())} above the cut-off" if self.above_cutoff.any() else ""
-        return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}, largest Re λ {self.growth:.6g}; "
-                f"backward error {worst}, completeness {self.evidence}")
+        return (f"ComplexModes: {len(self)} eigenvalues{beyond}, {verdict}; backward error {worst}, "
+                f"completeness {self.evidence}")
 
 
 def complex_modes(model: Substructure | Pencil, contacts: Contacts = None, *,

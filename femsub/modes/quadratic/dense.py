@@ -25,7 +25,7 @@ from femsub.modes.quadratic import singular_mass
 from femsub.modes.quadratic.correction import converged, step
 from femsub.modes.quadratic.matching import SPLIT
 from femsub.modes.quadratic.singular_mass import REGULAR
-from femsub.modes.shift_invert import ShiftInvert, motion_of
+from femsub.modes.shift_invert import ShiftInvert, motion_of, of_full
 
 if TYPE_CHECKING:
     from femsub.model import Pencil
@@ -128,7 +128,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
                 scale = M.diagonal() ** -0.5
                 if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                     return None
-                motion = motion_of(pencil.rigid_motion)
+                motion = motion_of(pencil.rigid_motion) or of_full(pencil)
                 values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
             except la.LinAlgError:
                 return None
@@ -256,8 +256,10 @@ def _solved(pencil: Pencil) -> tuple[Array, Array, Array]:
         values, X, Y = _solved(freed.pencil)
         return values, *freed.shapes(values, X, Y)
     form = modal_form(pencil)
-    if form is None and (motion := motion_of(pencil.rigid_motion)) is not None and motion.count and all(pencil.symmetric):
-        return singular_mass.without_rigid(pencil, motion, solve)
+    if form is None and all(pencil.symmetric):
+        motion = motion_of(pencil.rigid_motion) or of_full(pencil)
+        if motion is not None and motion.count:
+            return singular_mass.without_rigid(pencil, motion, solve)
     if form is None:
         return _lifted(pencil, *(singular_mass.parted(pencil, solve) or singular_mass.qz_of(pencil)))
     return _lifted(pencil, *_by_modes(pencil.size, form), form.shapes[:, :form.rigid])
