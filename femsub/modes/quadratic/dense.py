@@ -318,7 +318,7 @@ def _by_modes(n: int, form: ModalForm) -> tuple[Array, Array, Array]:
     X, Y = form.shapes @ right[n - r:], form.shapes @ left[n - r:]
     # b = λq vanishes with λ, and has a relative rounding of EPS/‖b‖: for small λ the elastic part of the shape is that of a = Ωq
     moved = np.linalg.norm(right[n - r:], axis=0)
-    # where |λ| is below some ω alone, as of an undamped mode beside a far softer one, both have their rounding, and b less
+    # a only where |λ| is far below all ω of the shape: where it is below some of them, b has the smaller rounding
     slow = moved < 0.1 * np.linalg.norm(right[:n - r], axis=0)
     X[:, slow] = form.shapes[:, r:] @ (right[:n - r, slow] / form.omega[r:, None])
     gliding = slow & (moved >= len(right) * EPS)  # below, the rigid part of b is rounding

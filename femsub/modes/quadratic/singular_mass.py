@@ -205,7 +205,7 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
     λ ≠ 0. The remaining pencil has stiffness in y alone. If there is a d, the states are (y, ḋ, ẏ), since d itself has no energy.
     """
     Z, free, n = motion.shapes, motion.free, pencil.size
-    heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # a DOF without mass would leave the rounding of one to the others
+    heavy = np.sqrt(np.abs(pencil.M.diagonal()))  # rotations compare with translations, and no massless DOF holds the model
     turn = np.asarray(np.linalg.qr(heavy[:, None] * Z, mode="r"))  # triangular: the free motions stay the first
     Z = np.linalg.solve(turn.T, Z.T).T
     holding = la.qr((heavy[:, None] * Z).T, mode="r", pivoting=True)[1][:motion.count]
