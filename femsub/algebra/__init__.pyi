@@ -48,6 +48,7 @@ from .matrices import (
     rows_of_zeros as rows_of_zeros,
     same as same,
     scaled as scaled,
+    slabs as slabs,
     translations as translations,
     unit_length as unit_length,
     upper as upper,

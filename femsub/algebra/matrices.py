@@ -364,9 +364,9 @@ class Sum:
         return found
 
 
-def slabs(n: int, count: int = 8) -> Iterator[tuple[int, int]]:
-    """First row and end of each of `count` slabs of n rows: work slab by slab takes little memory beside the matrix."""
-    return pairwise(np.linspace(0, n, count + 1).astype(int).tolist())
+def slabs(n: int, rows: int = 1000) -> Iterator[tuple[int, int]]:
+    """First row and end of slabs of some `rows` of n rows: work slab by slab takes little memory beside the matrix."""
+    return pairwise(np.linspace(0, n, max(n // rows, 1) + 1).astype(int).tolist())
 
 
 def _sizes(A: Matrix, x: Array) -> Array:

@@ -37,8 +37,9 @@ def independent(handle: ShiftInvert, rest: Array, forces: Array, kept: Array,
     static = np.einsum("ij,ij->j", rest, forces) + square @ held**2
     if rigid.shape[1]:
         # if inertia alone balances the load, as on a piece of one DOF, the response is nothing but rounding. So the reference
-        # gets half of the digits of the load's rigid part, as energy at the lowest elastic ω²
-        static = np.maximum(static, 0.0) + EPS**0.5 * ((rigid.T @ forces) ** 2).sum(axis=0) / handle.lowest
+        # gets half of the digits of the load's rigid part, as energy at the lowest elastic ω², or at the shift if there is none
+        lowest = handle.lowest if np.isfinite(handle.lowest) else abs(handle.sigma)
+        static = np.maximum(static, 0.0) + EPS**0.5 * ((rigid.T @ forces) ** 2).sum(axis=0) / lowest
     motion = static
     if forces.shape[1]:
         own, of_modes = (np.einsum("i,ij,ij->j", handle.M.diagonal(), x, x) for x in (rest, elastic))

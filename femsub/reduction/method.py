@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import SMALL, WORK, check_memory, kept_free, one_thread, units as energy_units, without
+from femsub.algebra import SMALL, SUMS, WORK, check_memory, kept_free, one_thread, slabs, without
 from femsub.checks import (
     DENSE,
     EPS,
@@ -410,10 +410,13 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
     D, H = projected(sub.D, V, V) if basis.D is None else basis.D, structural(sub, V)
     D = (D + D.T) / 2 if sub.pencil.symmetric[1] else D
     carried = np.abs(V).T @ sub.noise if sub.noise.shape[1] else np.zeros((V.shape[1], 0))  # |V| takes as much memory as V
-    noise = np.hstack([carried, size_of_products(sub.D, V)])
     q: Array | None = None
     motion: RigidMotion | None = None
     unit = units(sub.M)
+    # V itself is rounded: where D acts on DOF that hardly move, VᵀDV is the square of a rounding of V
+    far = np.max([np.abs(V[a:b] / unit[a:b, None]).max(axis=0, initial=0.0) for a, b in slabs(len(V))], axis=0)
+    square = SUMS / EPS**0.5 * far[:, None] * size_of_products(sub.D, unit[:, None])
+    noise = np.hstack([carried, size_of_products(sub.D, V), square])
     if basis.rigid is not None and basis.motion is not None:
         if sub.rigid_motion is not None or (costs(sub.K, basis.motion)[0] <= EQUAL).all():
             q, Z = basis.rigid, basis.motion
@@ -421,7 +424,8 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         q, Z = coordinates(V, given.shapes, unit), given.shapes
     if q is not None:
         motion = RigidMotion.of(Z, sub.D, unit, q)
-        D = without(D, motion.undamped, energy_units(basis.M.diagonal(), basis.K.diagonal())[0])
+        with np.errstate(divide="ignore"):  # where D has no entry, no rounding comes into it: an infinite unit
+            D = without(D, motion.undamped, 1 / np.linalg.norm(noise, axis=1))
 
     model = ReducedSubstructure(
         basis.M, basis.K, D, {name: V.T @ w for name, w in sub.ports.items()}, sub.name, V=V,

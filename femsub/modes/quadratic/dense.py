@@ -132,6 +132,8 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
                 values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
             except la.LinAlgError:
                 return None
+        if shapes.shape[1] < pencil.size:  # the mass of a motion is rounding
+            return None
         omega = np.sqrt(np.abs(values))
         omega = np.maximum(omega, 1e-8 * omega.max() or 1e-8)  # where this is not the frequency, it is only a scaling
         H = None

@@ -78,6 +78,7 @@ def parts_of(pencil: Pencil) -> Parts:
     if 0 < rank < len(own):
         doubt *= np.abs(mass[0] / mass[rank - 1])
     doubt[len(own) - rank:, len(own) - rank:] = EPS * SUMS * np.linalg.norm(D, 2)  # the square of a rounding
+    doubt = np.maximum(doubt, _projected(pencil, rows[:, None] * U[:, rank:], columns[:, None] * V[:, rank:]))
     left, drag, right, damped, sure = _split(U[:, rank:], D, V[:, rank:], doubt)
     U[:, rank:], V[:, rank:] = U[:, rank:] @ left, V[:, rank:] @ right
     return Parts(rows[:, None] * U, columns[:, None] * V, mass[:rank], drag[:damped], clear and sure)
@@ -103,6 +104,11 @@ def _rank(sizes: Array, whole: float, least: float) -> tuple[int, bool]:
     """The number of singular values that are above the rounding of `whole`, and whether none is near that limit."""
     limit, size = max(least, len(sizes) * EPS) * whole, np.abs(sizes)
     return int(np.count_nonzero(size > limit)), not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
+
+
+def _projected(pencil: Pencil, U: Array, V: Array) -> Array:
+    """The rounding in UᵀDV of the projections that D stems from: EPS |U|ᵀG Gᵀ|V|, see `Pencil.noise`."""
+    return EPS * (np.abs(U).T @ pencil.noise) @ (pencil.noise.T @ np.abs(V))
 
 
 def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[Array, Array, bool]:
@@ -140,7 +146,7 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     rank, damped = len(parts.mass), len(parts.drag)
     if rank == pencil.size:
         return None
-    D, K = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V
+    D, K = _between(U, pencil.D, V, _projected(pencil, U, V))[0], U.T @ pencil.K @ V
     D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
     if not _regular(K[b, b]):
         if (found := as_multipliers(pencil, parts)) is None:
@@ -188,7 +194,7 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
     U, V = parts.U.copy(), parts.V.copy()
     left, size, right, rank, clear = _split(U[:, b], pencil.K, V[:, b], 0.0)
     U[:, b], V[:, b] = U[:, b] @ left, V[:, b] @ right
-    D, K, M = _between(U, pencil.D, V)[0], U.T @ pencil.K @ V, np.zeros(pencil.M.shape)
+    D, K, M = _between(U, pencil.D, V, _projected(pencil, U, V))[0], U.T @ pencil.K @ V, np.zeros(pencil.M.shape)
     held = slice(b.start + rank, None)
     if rank == len(size) or D[held].any() or D[:, held].any():
         return None
@@ -221,13 +227,17 @@ def without_rigid(pencil: Pencil, motion: RigidMotion, solve: Solver) -> Eigenpa
         share, size = (momentum @ T).T @ drift, np.abs(Z[:, :free]).T @ np.abs(pencil.M) @ np.abs(T)
         size = size.T @ np.abs(inverse) @ size
         M = np.where(np.abs(M + share) > SUMS * size, M + share, 0.0)
+        M *= np.outer(M.diagonal() > 0, M.diagonal() > 0)  # M ≥ 0: beside a 0 on the diagonal, its row is rounding
         rank = rank_of_mass(pencil.M) - free  # from the whole M: rounding would hide the rank of the rest
-        R = factor_of_mass(M, min(max(rank, 0), int(np.count_nonzero(M.diagonal() > 0))), size.diagonal())[0]
-        M = R.T @ R if (np.abs(M - R.T @ R) <= size / REGULAR).all() else M
+        terms = np.einsum("ij,ij->j", np.abs(T), np.abs(pencil.M) @ np.abs(T))
+        most = min(max(rank, 0), int(np.count_nonzero(M.diagonal() > 0)))
+        R = factor_of_mass(M, most, size.diagonal() + terms)[0]  # pivots have the largest ratio of mass to rounding
+        lost = size / REGULAR + SUMS * np.sqrt(np.outer(terms, terms))
+        M = R.T @ R if (np.abs(M - R.T @ R) <= lost).all() else M
         T = T + Z[:, :free] @ drift
-    small = Pencil((M + M.T) / 2, (D + D.T) / 2, K)
+    small = Pencil((M + M.T) / 2, (D + D.T) / 2, K).carrying(motion.none(len(M)), np.abs(T).T @ pencil.noise)
     if free == motion.count:
-        values, x, y = solve(small.carrying(motion.none(len(M)), small.noise))
+        values, x, y = solve(small)
     else:
         values, x, y = qz_of(small, motion.count - free)
     still = np.hstack([Z, Z[:, :free]])
@@ -257,7 +267,8 @@ def finite(pencil: Pencil) -> int | None:
     if not parts.clear:
         return None
     one, _, b = parts.groups
-    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _between(parts.U, pencil.D, parts.V)[0]
+    between = parts.U, pencil.D, parts.V, _projected(pencil, parts.U, parts.V)
+    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _between(*between)[0]
     if _regular(stiffness):
         added = D[one, b] @ np.linalg.solve(stiffness, D[b, one])
         return 2 * len(parts.mass) + len(parts.drag) if not added.any() or _regular(np.diag(parts.mass) - added) else None
