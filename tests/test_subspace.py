@@ -54,6 +54,15 @@ def test_what_holds_nothing_new_is_left_out() -> None:
     assert orthonormal(np.eye(60)[:, [7, 8]], A.__matmul__)[0].shape == (60, 1)
 
 
+def test_the_rounding_of_a_soft_direction_is_nothing_new() -> None:
+    """V spans the whole space. What the projection leaves of columns along its soft vector is not short, and still rounding."""
+    rng = np.random.default_rng(4)
+    Q, size = np.linalg.qr(rng.standard_normal((20, 20)))[0], np.append(1e-9, np.ones(19))
+    A, V = (Q * size) @ Q.T, Q / np.sqrt(size)
+    columns = (Q / size) @ rng.standard_normal((20, 6))
+    assert orthonormal(columns, A.__matmul__, V)[0].shape == (20, 0)
+
+
 def test_sums_of_many_terms_make_no_direction_of_their_rounding() -> None:
     """Dependent columns of a large model: their Gram matrix has the rounding of 30,000 terms, above that of its own entries."""
     n, three = 30_000, np.arange(30_000)[:, None] % 3 == np.arange(3)

@@ -59,7 +59,8 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
     """
     x, image = columns, product(columns)
     for last in (False, True):
-        # the second pass begins with columns of unit length; shorter ones are the rounding that dependent columns left
+        # the second pass begins with columns of unit length, and leaves them their length; shorter ones are the rounding that
+        # dependent columns left
         x, image, length = _longer(x, image, 0.5 if last else 0.0)
         if V is not None and V.shape[1]:
             share = (V.T @ image) / length
@@ -67,7 +68,7 @@ def orthonormal(columns: Array, product: Callable[[Array], Array], V: Array | No
             x = x / length
             for at in range(0, len(length), BLOCK):
                 x[:, at:at + BLOCK] -= V @ share[:, at:at + BLOCK]
-            x, image, length = _longer(x, product(x), 0.0 if last else inside)
+            x, image, length = _longer(x, product(x), 0.5 if last else inside)
         if not x.shape[1]:
             break
         gram = x.T @ image / np.outer(length, length)
