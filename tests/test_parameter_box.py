@@ -193,6 +193,28 @@ def test_rigid_motion_stays_at_zero():
     assert small.number(k=0.1) == 4
 
 
+def test_rigid_motion_that_dashpots_and_friction_act_on():
+    """It has no stiffness of its own, and yet dashpots of 10⁵ and friction leave all digits to the other shapes."""
+    n = 40
+    K = fs.chain(n).K - sp.csr_array(([1.0], ([0], [0])), shape=(n, n))
+    dashpots = sp.csr_array(([1e5, 5e4], ([2, 5], [2, 5])), shape=(n, n))
+    rub = sp.random_array((n, n), density=3 / n, rng=np.random.default_rng(3))
+    full = fs.Affine(sp.eye_array(n), dashpots, [(1.0, K), ("k", K), ("mu", sp.csr_array(0.01 * (rub - rub.T)))])
+    small = fs.reduce(full, fs.ParameterBox({"mu": (0.9, 1.0), "k": (0.0, 0.01)}, (0.1, 0.5)))
+    assert small.evidence == "certified" and len(small.cells) == 1 and small.size < n and small.error < 1e-6
+    check(small, full.at, (0.1, 0.5), [{"mu": 0.9, "k": 0.0}, {"mu": 0.95, "k": 0.005}])
+
+
+def test_without_an_eigenvalue_no_shape_has_one():
+    """Friction moves the only mode in the band out of `re`; on its undamped shape alone it would still be there."""
+    friction = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    full = fs.Affine(np.eye(2), 0.01 * np.eye(2), [(1.0, fs.chain(2).K), ("mu", friction)])
+    small = fs.reduce(full, fs.ParameterBox({"mu": (4.0, 5.0)}, (0.0, 3.0), re=(-0.03, 0.2)))
+    assert small.evidence == "certified" and [cell.number for cell in small.cells] == [0]
+    modes = small.modes(mu=4.5)
+    assert len(modes) == 0 and modes.evidence == "certified"
+
+
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_a_band_far_from_all_modes_is_empty(damping):
     """Without a shape to keep, the number is 0 all the same, for all values."""

@@ -254,7 +254,7 @@ class _Maker:
             U, size, _ = la.svd(vectors - known @ (known.T @ vectors), full_matrices=False)
             W = np.hstack([known, U[:, size > self.kept]])
         if not W.shape[1]:
-            W = np.eye(len(U), 1)  # without an eigenvalue any shape will do
+            W = np.eye(len(U))  # without an eigenvalue: of some of the shapes alone one may lie inside
         H, _ = projection.images_outside()
         d, m = W.shape[1], projection.size
         blocks = np.zeros((m + H.shape[1], 1 + len(H), d))  # of A and of each term, inside V and outside

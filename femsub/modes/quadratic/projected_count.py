@@ -139,9 +139,21 @@ class Projection(EnergyBasis):
         del pencil
         mass, damping, whole_stiffness = sums or (M, damping, stiffness)  # frees a damping that was formed
 
+        others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
+
         @contextmanager
         def bounds(handle: ShiftInvert, lift: float) -> Iterator[Callable[[int], Bounds]]:
             self.factor, self.mu, self.unsure = handle.factor, lift - handle.sigma, bool(handle.note)
+            # rigid motion is free if no other part of P acts on it, beyond rounding in the products; all other modes join V
+            self.free, self.driven = handle.rigid.copy(), handle.rigid[:, :0]
+            scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 if there is no rigid motion
+            moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
+            if moved:
+                sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
+                self.free, self.driven = self.free @ turn[sizes < STILL].T, self.free @ turn[sizes >= STILL].T
+            if self.driven.shape[1]:  # beside its own σ in A, other parts' action on it would be all that rounding leaves
+                self.mu = min(LIFTS[1] * outer.size**2, handle.lowest)
+                self.factor = shared_factor(stiffness, "definite", M, -self.mu)
             solve = self.factor.solve
             K = Sum.of(whole_stiffness)
             self.A = Sum([*K.terms, *((self.mu * theta, A) for theta, A in Sum.of(mass).terms)], K.unit)
@@ -153,21 +165,13 @@ class Projection(EnergyBasis):
                         _bound(self.A, gyroscopic if turned is None else none, solve, -1.0))
 
             with _none_strong(self.A, Difference(stiffness, M, -self.mu), Sum.of(damping if simple is None else none),
-                              outer.re, handle.factor) as looked:
+                              outer.re, self.factor) as looked:
                 yield found
 
         modes, lift, (strong, spread, g) = _undamped(stiffness, M, outer, own, carried, bounds, most, lowest)
-        # rigid motion is free if no other part of P acts on it, beyond rounding in the products; all other modes join V
-        self.free, rest = modes.shapes[:, :modes.rigid].copy(), modes.shapes[:, modes.rigid:]
-        others = [part for part in (damping, gyroscopic, circulatory, *(change.matrix for change in changes)) if part.nnz]
         if others and self.unsure:
             raise SingularMatrixError("K shows rigid motion only within the rounding of its entries, as damping may")
-        scale = [np.linalg.norm(Sum.of(part).sizes(self.free)) for part in others]  # 0 if there is no rigid motion
-        moved = [(part @ self.free) / size for part, size in zip(others, scale, strict=True) if size]
-        if moved:
-            sizes, turn = la.svd(np.vstack(moved), full_matrices=False)[1:]
-            rest = np.hstack([self.free @ turn[sizes >= STILL].T, rest])
-            self.free = self.free @ turn[sizes < STILL].T
+        rest = np.hstack([self.driven, modes.shapes[:, modes.rigid:]])
         self.momenta = M @ self.free
         M, stiffness = mass, whole_stiffness  # frees matrices that were formed
         self.unit = self.A.unit  #: the unit in which the matrices of a family are scaled
