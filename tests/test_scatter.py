@@ -13,8 +13,9 @@ from scipy import stats
 import femsub as fs
 from femsub.checks import FemsubWarning, InputError, InputTypeError
 from femsub.output import draw
-from femsub.stability.labels import sources_of
+from femsub.stability.labels import SeenMode, sources_of
 from femsub.stability.leaves import Companion, Middle
+from femsub.stability.mode_families import grouped
 from femsub.stability.scatter_chart import scatter_chart, scatter_tables
 
 FIRST, SECOND = 2 * np.pi * 100, 2 * np.pi * 75
@@ -226,6 +227,23 @@ def test_a_real_eigenvalue_that_passes_0_has_no_share_of_its_size_as_radius(monk
     assert found.solved > 8 and found.undecided < 0.05
     certain = found.verdict != 0
     assert (found.verdict[certain] == np.where(found.samples[certain, 0] > 1, 1, -1)).all()
+
+
+def cancelled(x: float) -> float:
+    return x - x
+
+
+def test_a_parameter_that_cancels_leaves_every_verdict_as_it_is() -> None:
+    for damping, grows in ((0.1, 0.0), (-0.1, 1.0)):
+        alone = fs.Affine(np.eye(2), damping * np.eye(2), [(1.0, np.diag([1.0, 2.0])), (cancelled, np.ones((2, 2)))])
+        found = fs.scatter(alone, {"x": stats.norm(0.0, 1.0)}, samples=64)
+        assert found.probability == grows and found.undecided == 0.0
+
+
+def test_motion_without_stiffness_has_a_family_of_its_own() -> None:
+    one = np.ones(1)  # λ is 0 within rounding, or exactly
+    nodes = [SeenMode(np.array([x]), value, one, one) for x, value in enumerate((1e-16 + 0j, 0j, 0j, -1e-16 + 0j))]
+    assert grouped(nodes, one).tolist() == [0, 0, 0, 0]
 
 
 def test_a_model_whose_cutoff_is_not_known_is_not_checked() -> None:

@@ -122,7 +122,7 @@ class Middle(NamedTuple):
         `directions` (d, q) are the main directions of change, for example one for each parameter. Factors of b must not change.
         """
         varied = np.flatnonzero(changes.any(axis=0))
-        parts = np.array([self.solved @ self.linear.a[1 + i] for i in varied])
+        parts = self.solved @ self.linear.a[1 + varied]
         size = np.linalg.norm(parts, axis=(1, 2))
         varied, parts, size = varied[size > 0], parts[size > 0], size[size > 0]
         # the directions of unit size; the part of the changes outside their span counts as rounding

@@ -52,7 +52,8 @@ def grouped(nodes: Sequence[SeenMode], scale: Array, least: float = 0.5) -> Arra
         nearest = [known[away[known].argmin()] for f in range(count) if len(known := np.flatnonzero(family == f))]
         if nearest:
             mac = np.abs([[nodes[i].x.conj() @ nodes[j].Mx for j in nearest] for i in mine]) ** 2
-            moved = np.abs(values[mine, None] - values[nearest]) / np.abs(values[mine, None])
+            size = np.maximum(np.abs(values[mine, None]), np.finfo(float).tiny)  # λ may be 0 of a motion without stiffness
+            moved = np.abs(values[mine, None] - values[nearest]) / size
             rows, columns = linear_sum_assignment(np.where(mac >= least, 1 - mac + np.minimum(moved, 1.0), 10.0))
             for row, column in zip(rows, columns, strict=True):
                 if mac[row, column] >= least:
