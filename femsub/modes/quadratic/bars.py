@@ -85,10 +85,10 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     left, terms = (np.einsum("ij,ij->j", np.abs(Y), part) for part in (np.abs(residual), whole))
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
-    # A left vector may lack a small component that acts where the residual is large. Then |y|ᵀ|r| is too small. So poor bars of a
-    # dense model are evaluated again, with y after a step of inverse iteration. Their number is limited: together they take the
-    # time of a single one in the largest model
-    poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0) & (not pencil.is_sparse))
+    # A left vector may lack a small component that acts where the residual is large. Then |y|ᵀ|r| is too small. So poor bars
+    # are evaluated again, with y after a step of inverse iteration. Their number is limited: of a dense model, together they take
+    # the time of a single one in the largest model
+    poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0))
     for k in poor[:int((QUADRATIC / pencil.size) ** 3)]:
         solver = solver_near(pencil, values[k])
         if solver is not None:
