@@ -217,7 +217,7 @@ class Scene:
             table, folder = inputs_of(path)
             return cls(table, folder, SceneSource(name, "", tuple(trusted), False))
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a mark
         except (OSError, ValueError) as error:
             raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
         table = parsed_toml(text, name)

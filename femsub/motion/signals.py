@@ -250,8 +250,8 @@ def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: in
         span = "the signal" if between is None else f"the part between {between[0]:g} and {between[1]:g}"
         raise InputError(f"{span} has {len(times)} points, but at least {fewest} are needed")
     if not (good := np.isfinite(x)).all():
-        raise InputError(f"the signal holds a NaN or Inf at t = {times[~good][0]:.12g}. Interpolate it there, np.interp(t, t[good], "
-                         "signal[good]) with good = np.isfinite(signal), or select a part without it by `between`")
+        raise InputError(f"the signal holds a NaN or Inf at t = {times[~good][0]:.12g}. Interpolate it there, np.interp(t, "
+                         "t[good], signal[good]) with good = np.isfinite(signal), or select a part without it by `between`")
     if len(times) == 1:
         return times, x, np.nan
     if (back := np.flatnonzero(np.diff(times) <= 0)).size:
