@@ -214,10 +214,15 @@ class Models:
         """The lowest normal modes of the full model: the rigid-body modes, and the elastic modes of the default band."""
         def modes() -> fs.NormalModes:
             self.say("normal modes")
-            rigid = len(MOTIONS)  # the largest possible number of rigid-body modes
-            return fs.normal_modes(self.full, count=max(1, min(rigid + self.scene.settings.elastic, self.full.size - rigid)))
+            return self.lowest(self.scene.settings.elastic)
 
         return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
+
+    def lowest(self, count: int) -> fs.NormalModes:
+        """The rigid-body modes of the full model, and six more than `count` elastic modes, as far as it has them."""
+        with warnings.catch_warnings():  # not of a small model that lacks some of the six
+            warnings.filterwarnings("ignore", "count=", fs.FemsubWarning)
+            return fs.normal_modes(self.full, count=min(count + len(MOTIONS), self.full.size))
 
     @cached_property
     def given_band(self) -> tuple[float, float] | None:
