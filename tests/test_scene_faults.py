@@ -174,3 +174,16 @@ def test_an_analysis_over_a_parameter_without_a_contact_names_the_remedy() -> No
     with pytest.raises(fs.InputError, match=r"give a contact that has it, such as \[contact.rub\] with belt"):
         Scene(table)
     Scene({**table, "contact": {"rub": {"belt": "c.belt"}}})
+
+
+@pytest.mark.parametrize(("units", "E", "rho", "fine"), [
+    ("mm-t-s", 2.1e5, 7.85e-9, True), ("SI", 2.1e11, 7850.0, True), ("", 2.1e5, 7850.0, True), ("SI", 1e6, 1.5, True),
+    ("mm-t-s", 2.1e11, 7850.0, False), ("mm-t-s", 2.1e5, 7850.0, False), ("mm-t-s", 2.1e11, 7.85e-9, False),
+    ("SI", 2.1e5, 7.85e-9, False)])
+def test_a_material_in_other_units_than_the_scene_is_noticed(units: str, E: float, rho: float, fine: bool) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = Scene({"scene": "beam", **({"units": units} if units else {}), "material": {"steel": {"E": E, "rho": rho}}})
+        scene.varied({"part.beam.beam": 2.0})
+    assert fine == (not caught) and (fine or "No solid is like that: E or rho are in other units" in str(caught[0].message))
+    assert len(caught) < 2
