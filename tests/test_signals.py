@@ -61,6 +61,15 @@ def test_rms_and_sticking() -> None:
     assert fs.sticking(free) == 0.0 and fs.sticking(free, below=1.0) == 1.0
 
 
+def test_a_port_of_several_columns_sticks_as_its_cycle_does() -> None:
+    """It was refused, with a remedy that a port does not have."""
+    model = fs.Substructure(np.diag([1.0, 2.0]), [[1.0, -0.1], [-0.1, 2.0]], interface=[0], ports={"belt": np.eye(2)})
+    run = fs.transient(model, fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 100), step=0.02, impulse=0.5)
+    apart = np.abs(0.2 - run.velocity("belt")).min(axis=1)
+    assert fs.sticking(run) == (apart <= 3e-2).mean() > 0
+    assert fs.sticking(run, between=(0, 50), below=1e-3) == (apart[run.t <= 50] <= 1e-3).mean()
+
+
 def test_what_cannot_be_analysed_says_so() -> None:
     with pytest.raises(fs.InputError, match="at least 32"):
         fs.spectrum(T[:20], T[:20])

@@ -336,6 +336,8 @@ def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | 
              multiple: float = STICKING, below: float | None = None) -> float:
     """The share of the time in which a belt's contact sticks: |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without ε.
 
+    A port of several columns sticks while any of them does, as for `LimitCycle.sticking`.
+
     Examples
     --------
     >>> import femsub as fs
@@ -344,8 +346,8 @@ def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | 
     0.0
     """
     belt = instance("run", run, Transient).belt(port)
-    part = part_of(run.t, run.velocity(port), between, 1)[1]
-    return float(np.mean(belt.sticks(part, multiple, below)))
+    parts = [part_of(run.t, one, between, 1)[1] for one in np.atleast_2d(run.velocity(port).T)]
+    return float(belt.sticks(np.array(parts), multiple, below).any(axis=0).mean())
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:
