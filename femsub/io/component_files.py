@@ -135,8 +135,9 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     # matrices, and a DOF map of their own or beside them
     else:
         K = M if K is None else K
-        named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
-        paths = {key: Path(path) for key, path in named.items()}
+        paths = {key: path_of(key, path) for key, path in (("M", M), ("K", K), ("D", "" if D is None else D))}
+        if paths["D"] == Path():  # '' stands for no damping
+            del paths["D"]
         refuse_exchanged(paths["M"], paths["K"])
         matrices, own = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless, drop_empty)
         size = matrices["K"].shape[0]
