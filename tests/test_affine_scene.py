@@ -16,7 +16,7 @@ from numpy.polynomial import polynomial
 
 import femsub as fs
 from femsub.app.cli import main
-from femsub.app.grammar import Scene
+from femsub.app.grammar import Scene, text_of
 from femsub.checks import InputError
 from femsub.components import disc_pair, two_mode
 from femsub.model import Expression, Factor
@@ -277,3 +277,28 @@ def test_a_factor_is_pickled_and_tells_its_parameter() -> None:
     factor = Factor(Expression("mu / speed", "D[2]"), ("speed",), (("mu", 0.4),))
     model = pickle.loads(pickle.dumps(fs.Affine([[1.0]], [(factor, [[1.0]])], [[1.0]])))
     assert model.parameters == ("speed",) and model.at(speed=2.0).D[0, 0] == pytest.approx(0.2)
+
+
+def test_rows_of_different_lengths_are_refused(tmp_path: Path) -> None:
+    """They ended in a traceback of NumPy's."""
+    text = text_of("affine").replace("[[2e-3, 0.0], [0.0, 2e-3]]", "[[2e-3, 0.0], [2e-3]]")
+    (tmp_path / "my.toml").write_text(text)
+    with pytest.raises(fs.InputError, match=r"part.disc: D\[1\] must be rows of the same length"):
+        Scene.from_file(tmp_path / "my.toml").models.full.at(speed=0.1, mu=0.4)
+    beam = {"beam": 1.0, "material": "steel", "width": 0.02, "height": 0.01, "left": "clamped", "ports": {"n": 0.5, "t": 1.0}}
+    table = {"material": {"steel": {"E": 2.1e11, "rho": 7850.0}}, "part": {"b": beam}, "ask": [{"complex-modes": "full"}],
+             "contact": {"c": {"linear": ["b.n", "b.t"], "stiffness": [[1.0, 0.0], [0.0]]}}}
+    with pytest.raises(fs.InputError, match="stiffness must be rows of the same length"):
+        Scene(table).run(print)
+    with pytest.raises(fs.InputError, match="M must be rows of the same length"):
+        fs.Substructure([[1.0, 0.0], [1.0]], [[1.0, 0.0], [0.0, 1.0]])
+
+
+def test_a_value_that_the_ask_gives_needs_no_other() -> None:
+    """The value of an ask counted only if [parameter.speed] had one as well."""
+    table = {"scene": "affine", "ask": [{"complex-modes": "full", "at": {"speed": 0.1}}]}
+    found = Scene(table).run(print).data["complex-modes"]["models"][0]["eigenvalues"]
+    family = Scene({"scene": "affine"}).models.full
+    assert np.sort_complex(found) == pytest.approx(np.sort_complex(fs.complex_modes(family.at(speed=0.1, mu=0.4)).eigenvalues))
+    with pytest.raises(fs.InputError, match=r"'speed' has no value: give \[parameter.speed\] with value"):
+        Scene({"scene": "affine", "ask": [{"complex-modes": "full"}]}).run(print)

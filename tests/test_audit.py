@@ -520,7 +520,7 @@ def test_the_command_prints_a_page_and_ends_with_1_at_a_fault(folder: Path, monk
     (["M.npy"], "M.npy is no folder of write_matrices"), (["M.npy", "K.npy", "D.npy", "V.npy"], "4 files are given"),
     (["M.npy", "K.npy", "--interface", "a"], "interface"), (["none", "--full", "full"], "none is no folder"),
     (["M.npy", "missing.npy"], "there is no file missing.npy"), (["small", "--units", "inch"], "units"),
-    (["M.npy", "interface.csv"], "interface.csv")])
+    (["M.npy", "interface.csv"], "interface.csv"), (["K.npy", "M.npy"], "by its name holds a stiffness matrix")])
 def test_wrong_arguments_are_told(arguments: list[str], words: str, folder: Path, monkeypatch: pytest.MonkeyPatch,
                                   capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(folder)

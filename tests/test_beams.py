@@ -214,7 +214,7 @@ def test_rounding_of_a_fine_beam_is_told_with_its_figure(ends: str) -> None:
     ({"supports": ["left"]}, "supports must be a dict of places"),
     ({"supports": {"left": ["clamped"]}}, "unknown support ['clamped']; did you mean 'clamped'"),
     ({"interface": 1.0}, "interface must be a list of places"),
-    ({"interface": [["left"]]}, "a place in interface must be a number"),
+    ({"interface": [["left"]]}, "a place in interface other than 'left' and 'right' must be a number"),
     ({"ports": {"p": ("left", ["w"])}}, "unknown motion of port 'p'"),
 ])
 def test_arguments_of_the_wrong_kind(arguments: dict, text: str) -> None:

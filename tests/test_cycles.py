@@ -504,3 +504,15 @@ def test_a_start_of_two_periods_ends_in_a_cycle_of_one() -> None:
     v[1::2] = once.orbit.v
     twice = replace(once, orbit=replace(once.orbit, v=v, omega=0.5 * once.omega))
     assert fs.harmonic_balance(model, belt, start=twice).omega == pytest.approx(once.omega, rel=1e-6)
+
+
+def test_times_of_a_cycle_and_of_its_start_are_checked() -> None:
+    model, belt = fs.chain(5, belt=2), fs.Belt(speed=0.19113, law=fs.StribeckArctan(eps=2e-2))
+    t = np.linspace(0.0, 100.0, 500)
+    with pytest.raises(fs.InputError, match=r"times of start=\(t, v\) must increase, but 99\.\d+ comes after 100"):
+        fs.harmonic_balance(model, belt, start=(t[::-1], np.sin(t)))
+    cycle = fs.harmonic_balance(model, belt, harmonics=11)
+    with pytest.raises(fs.InputError, match="t must be a finite number, not inf"):
+        cycle.state(np.inf)
+    with pytest.raises(fs.InputError, match="t holds a NaN or Inf"):
+        cycle.velocity([0.0, np.nan])

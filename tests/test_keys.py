@@ -21,6 +21,7 @@ import test_runs_that_fail
 import test_scene
 
 from femsub.app import explain
+from femsub.app.asks.modes import ModesAsk
 from femsub.app.cli import main
 from femsub.app.grammar import Scene, built_in, text_of
 from femsub.app.kinds import FAMILIES, Kinds
@@ -402,14 +403,24 @@ def test_a_band_may_be_given_in_hertz_and_comes_back_as_given() -> None:
         scene = Scene({"scene": "plate", "units": "SI", "band": band, "ask": [{"modes": "band", "band": band}]})
         assert scene.settings.band == pytest.approx([1000 * np.pi, 10_000 * np.pi], rel=1e-15)
         assert scene.asks[0].band == scene.settings.band
+    # frequencies of another program may be in hertz, too, and the schema says so
+    table = {"scene": "plate", "units": "SI", "ask": [{"modes": 3, "reference": ["2 Hz", 20.0]}]}
+    assert Scene(table).asks[0].reference == pytest.approx([4 * np.pi, 20.0], rel=1e-15)
+    assert "'pattern'" in repr(table_schema(ModesAsk)["properties"]["reference"])
     assert SYSTEMS["SI"].said(span((1000 * np.pi, 10_000 * np.pi))).endswith("(500 to 5000 Hz)")
     for table, words in (({"band": [0, "5 kHz"]}, 'give units, e.g. units = "SI"'),
                          ({"ask": [{"modes": "band", "band": [0, "5 kHz"]}]}, 'give units, e.g. units = "SI"'),
-                         ({"units": "SI", "band": [0, "5 kHertz"]}, "band: it must be a list of numbers"),
+                         ({"units": "SI", "band": [0, "5 KHz"]}, "band: '5 KHz' is no frequency. Give .* or \"5 kHz\""),
+                         ({"units": {"length": "m", "mass": "kg", "time": "ms"}, "band": [0, "5 kHz"]}, "units whose time is s"),
                          ({"units": "SI", "part": {"plate": {"thickness": "5 Hz"}}}, "part.plate.thickness: it must be a "
                                                                                      "number")):
         with pytest.raises(InputError, match=words):
             Scene({"scene": "plate", **table})
+
+
+def test_a_scene_file_may_begin_with_the_mark_of_windows_editors(tmp_path: Path) -> None:
+    (path := tmp_path / "my.toml").write_bytes(b"\xef\xbb\xbf" + b'scene = "chain"\r\n')
+    assert Scene.from_file(path).name == "chain"
 
 
 def test_methods_have_labels_whatever_they_are() -> None:

@@ -178,3 +178,19 @@ def test_nul_bytes_before_a_file_of_matlab_are_no_matrix(count: int, old: bool, 
         fs.read_matrix(path, "K")
     with pytest.raises(fs.InputError, match=r"K\.mat"):
         fs.read_matrix(path)
+
+
+def test_an_empty_name_is_no_file(tmp_path: Path) -> None:
+    """K = '' ended in a KeyError; D = '' means that there is none."""
+    fs.write_matrices(tmp_path, fs.chain(3))
+    with pytest.raises(fs.InputError, match="K: there is no file"):
+        fs.read_component(tmp_path / "M.mtx", "")
+    assert not fs.read_component(tmp_path / "M.mtx", tmp_path / "K.mtx", "").D.nnz
+
+
+def test_a_struct_of_matlab_has_a_remedy(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "model.mat", {"sys": {"M": np.eye(2), "K": np.eye(2)}})
+    with pytest.raises(fs.InputError, match=r"holds no matrix.*save\('file.mat', '-struct', 'name'\)"):
+        fs.read_matrix(tmp_path / "model.mat")
+    scipy.io.savemat(tmp_path / "model.mat", {"M": np.eye(2), "K": np.eye(2)})  # as the remedy writes it
+    assert np.array_equal(fs.read_matrix(tmp_path / "model.mat", "K"), np.eye(2))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import random
 import re
+import warnings
 from pathlib import Path
 
 import pytest
 
+import femsub as fs
 from femsub.app.grammar import Scene, text_of
 from femsub.app.models import Models
 from femsub.checks import InputError
@@ -148,3 +150,40 @@ def test_an_analysis_that_cannot_be_is_refused(lines: str, why: str, tmp_path: P
     with pytest.raises(InputError, match=re.escape(why)) as caught:
         Scene.from_file(path)
     assert re.search(r"line \d+: ask 1", str(caught.value))
+
+
+def test_a_small_model_has_all_modes_that_are_asked_for() -> None:
+    """A model of 10 DOF had a default band up to its 4th mode, not its 8th, and one of 3 DOF listed one mode of three."""
+    chain = {"part": {"chain": {"chain": 10}}, "ask": [{"modes": 20}]}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = Scene(chain)
+        omega = fs.chain_frequencies(10)
+        assert scene.models.band == pytest.approx((0.0, 1.02 * omega[7]))
+        assert len(scene.run(print).data["modes"]["rows"]) == 10
+    assert not caught
+    small = Scene({"part": {"chain": {"chain": 3}}, "ask": [{"modes": 1}]})
+    assert [row["omega"] for row in small.run(print).data["modes"]["rows"]] == pytest.approx(fs.chain_frequencies(3))
+    for wrong in (0, -3):
+        with pytest.raises(fs.InputError, match="modes: it must be at least 1"):
+            Scene({"scene": "chain", "ask": [{"modes": wrong}]})
+
+
+def test_an_analysis_over_a_parameter_without_a_contact_names_the_remedy() -> None:
+    table = {"part": {"c": {"chain": 4}}, "ask": [{"critical": "slope"}]}
+    with pytest.raises(fs.InputError, match=r"give a contact that has it, such as \[contact.rub\] with belt"):
+        Scene(table)
+    Scene({**table, "contact": {"rub": {"belt": "c.belt"}}})
+
+
+@pytest.mark.parametrize(("units", "E", "rho", "fine"), [
+    ("mm-t-s", 2.1e5, 7.85e-9, True), ("SI", 2.1e11, 7850.0, True), ("", 2.1e5, 7850.0, True), ("SI", 1e6, 1.5, True),
+    ("mm-t-s", 2.1e11, 7850.0, False), ("mm-t-s", 2.1e5, 7850.0, False), ("mm-t-s", 2.1e11, 7.85e-9, False),
+    ("SI", 2.1e5, 7.85e-9, False)])
+def test_a_material_in_other_units_than_the_scene_is_noticed(units: str, E: float, rho: float, fine: bool) -> None:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        scene = Scene({"scene": "beam", **({"units": units} if units else {}), "material": {"steel": {"E": E, "rho": rho}}})
+        scene.varied({"part.beam.beam": 2.0})
+    assert fine == (not caught) and (fine or "No solid is like that: E or rho are in other units" in str(caught[0].message))
+    assert len(caught) < 2

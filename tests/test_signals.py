@@ -45,6 +45,8 @@ def test_growth_of_an_exponential() -> None:
     assert found.rate == pytest.approx(0.012, rel=1e-5) and found.omega == pytest.approx(1.3, rel=1e-5)
     assert found.between[1] < np.log(1e3) / 0.012 and found.spread < 1e-6
     assert fs.growth_rate(T, np.exp(-0.01 * T) * np.cos(2 * T)).rate == pytest.approx(-0.01, rel=1e-4)
+    coarse = np.arange(0, 800, 0.05)  # 2.5 points per period: most peaks lie between the points
+    assert fs.growth_rate(coarse, np.exp(0.001 * coarse) * np.cos(50 * coarse)).omega == pytest.approx(50, rel=1e-3)
     held = np.repeat(np.exp(0.012 * T[::2]) * np.cos(1.3 * T[::2]), 2)  # recorded at half the rate: a step is no peak
     assert fs.growth_rate(T, held).omega == pytest.approx(1.3, rel=1e-3)
     assert fs.growth_rate(T, held).rate == pytest.approx(0.012, rel=1e-2)
@@ -59,6 +61,15 @@ def test_rms_and_sticking() -> None:
     assert fs.sticking(free) == 0.0 and fs.sticking(free, below=1.0) == 1.0
 
 
+def test_a_port_of_several_columns_sticks_as_its_cycle_does() -> None:
+    """It was refused, with a remedy that a port does not have."""
+    model = fs.Substructure(np.diag([1.0, 2.0]), [[1.0, -0.1], [-0.1, 2.0]], interface=[0], ports={"belt": np.eye(2)})
+    run = fs.transient(model, fs.Belt(speed=0.2, law=fs.StribeckArctan(eps=1e-2)), (0, 100), step=0.02, impulse=0.5)
+    apart = np.abs(0.2 - run.velocity("belt")).min(axis=1)
+    assert fs.sticking(run) == (apart <= 3e-2).mean() > 0
+    assert fs.sticking(run, between=(0, 50), below=1e-3) == (apart[run.t <= 50] <= 1e-3).mean()
+
+
 def test_what_cannot_be_analysed_says_so() -> None:
     with pytest.raises(fs.InputError, match="at least 32"):
         fs.spectrum(T[:20], T[:20])
@@ -70,6 +81,17 @@ def test_what_cannot_be_analysed_says_so() -> None:
         fs.spectrogram(T, np.sin(T), 5000.0)
     with pytest.raises(fs.InputError, match="at least 5 peaks"):
         fs.growth_rate(T[:50], np.exp(T[:50]))
+
+
+@pytest.mark.parametrize("found", [fs.spectrum, fs.rms, fs.growth_rate, lambda t, x: fs.spectrogram(t, x, 50.0)])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_signal_must_be_finite(found: Callable[..., Any], bad: float) -> None:
+    x = np.exp(0.012 * T) * np.cos(1.3 * T)
+    x[500] = bad
+    with pytest.raises(fs.InputError, match=r"NaN or Inf at t = 50\. Interpolate it"):
+        found(T, x)
+    good = np.isfinite(x)  # the remedies that the error names
+    assert found(T, np.interp(T, T[good], x[good])) and found(T[501:], x[501:])
 
 
 @pytest.mark.parametrize("found", [fs.spectrum, fs.rms, fs.growth_rate, lambda t, x: fs.spectrogram(t, x, 50.0)])

@@ -221,6 +221,20 @@ def test_what_is_written_for_nastran_is_read_back(arm: Any, tmp_path: Path, prog
         assert np.abs(frequencies(found)[6:] / frequencies(rom)[6:] - 1).max() < 1e-12
 
 
+def test_dof_without_mass_are_left_out_of_dmig_and_come_back(arm: Any, tmp_path: Path) -> None:
+    """MacNeal leaves the interface without mass: its MAAX has fewer DOF than its KAAX."""
+    rom = fs.reduce(arm[0], fs.MacNeal(modes=3))
+    path, *_ = fs.write_superelement(tmp_path, rom, "dmig")
+    empty = int((~rom.M.any(axis=0)).sum())
+    with pytest.warns(fs.FemsubWarning, match=rf"MAAX has no entries for {empty} of {rom.size} DOF, first grid .* without mass"):
+        found = fs.read_component(path, cutoff=rom.cutoff)
+    for ours, theirs in ((rom.M, found.M), (rom.K, found.K)):
+        assert np.abs(ours - theirs).max() <= 1e-10 * np.abs(ours).max()
+    with pytest.raises(fs.InputError, match=r"M of 'arm' is singular, and Exudyn needs .* fs\.Rubin"):
+        fs.write_superelement(tmp_path, rom, "exudyn", full=arm[0])
+    fs.write_superelement(tmp_path, fs.reduce(arm[0], fs.Rubin(modes=3)), "exudyn", full=arm[0])
+
+
 def test_pynastran_reads_what_is_written(arm: Any, tmp_path: Path) -> None:
     bdf, op4 = pytest.importorskip("pyNastran.bdf.bdf"), pytest.importorskip("pyNastran.op4.op4")
     pytest.importorskip("pyyeti.nastran.op4")

@@ -369,3 +369,15 @@ def test_parameters_that_are_not_announced_are_read(tmp_path: Path) -> None:
     more = numbers(2, 1, 0, 1) + reals(10.0, 1, 0.02, 0, 0)
     (tmp_path / "bench.uff").write_text(BENCH + text.replace(head + values, more))
     assert np.allclose(np.abs(fs.read_modes(tmp_path / "bench.uff").eigenvalues), 20 * np.pi)
+
+
+@pytest.mark.parametrize(("kind", "fine"), [(18, True), (0, True), (1, True), (17, False), (19, False), (20, False)])
+def test_responses_are_over_frequency(tmp_path: Path, kind: int, fine: bool) -> None:
+    """Responses over time, rpm or order were read as if in Hz."""
+    text = functions((8, 13), RECEPTANCE).replace(f"{18:10d}    0", f"{kind:10d}    0", 1)
+    (tmp_path / "a.uff").write_text(text)
+    if fine:
+        assert fs.read_response(tmp_path / "a.uff").receptance[:, 0, 0] == pytest.approx(RECEPTANCE, rel=1e-5)
+        return
+    with pytest.raises(fs.InputError, match=rf"listed over the data type {kind}, but frequency \(18\) in Hz is needed"):
+        fs.read_response(tmp_path / "a.uff")

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from femsub.algebra.frozen import frozen, is_sealed
 from femsub.algebra.processes.cache import shared
 from femsub.algebra.processes.threads import times
-from femsub.checks import EPS, Array, InputError, InputTypeError, Matrix, refuse_masked
+from femsub.checks import EPS, Array, InputError, InputTypeError, Matrix, rows
 
 ROUNDING = 64 * EPS  # relative to sqrt(|a_ii a_jj|): two assemblies of the same element matrices in different order differ by it
 
@@ -32,9 +32,9 @@ def as_matrix(name: str, value: Any, size: int | None = None) -> Matrix:
     InputError
         Not square, not of the given size, or with NaN or Inf in it (the first place is named).
     """
-    refuse_masked(name, value)
+    given = value if sp.issparse(value) else rows(name, value)
     try:
-        raw: Any = sp.csr_array(value) if sp.issparse(value) else np.asarray(value)
+        raw: Any = sp.csr_array(given) if sp.issparse(given) else given
         sealed = isinstance(value, sp.csr_array) and is_sealed(value) and raw.has_canonical_format
         matrix = None if np.iscomplexobj(raw) else raw
         if matrix is not None and not (sealed and raw.dtype == np.float64):

@@ -36,9 +36,9 @@ from femsub.app.kinds import FAMILIES, Kinds, is_beside, key, kinds_file
 from femsub.app.methods import ReduceKeys
 from femsub.app.names import check_names
 from femsub.app.parts import MaterialKeys, Part, PartSite
-from femsub.checks import InputError, instance, mapping, path_of, unknown_name, word
+from femsub.checks import InputError, instance, mapping, path_of, unknown_name, warn, word
 from femsub.io import Faults, keys_of, parsed_toml, read_table, spelt
-from femsub.output import SYSTEMS, Units
+from femsub.output import DENSEST, FASTEST, IN_SI, SYSTEMS, Units
 
 if TYPE_CHECKING:
     from femsub import Facing, Mesh
@@ -217,7 +217,7 @@ class Scene:
             table, folder = inputs_of(path)
             return cls(table, folder, SceneSource(name, "", tuple(trusted), False))
         try:
-            text = path.read_text(encoding="utf-8")
+            text = path.read_text(encoding="utf-8-sig")  # editors of Windows begin a file with a mark
         except (OSError, ValueError) as error:
             raise InputError(f"{name} cannot be read: {getattr(error, 'strerror', None) or error}") from None
         table = parsed_toml(text, name)
@@ -256,6 +256,12 @@ class Scene:
                 if kind is not None and (item := read_table(kind, one, place, faults, hertz)) is not None:
                     found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
+        for name, solid in self.materials.items() if self.units.system and not self.variant else ():
+            metre, kilogram = IN_SI[self.units.system]
+            density, speed = solid.rho * kilogram / metre**3, (solid.E / solid.rho) ** 0.5 * metre
+            if density > DENSEST or speed > FASTEST:
+                warn(f"material.{name}: in {self.units.system} units its density is {density:.2g} kg/m³, and √(E/ρ), the speed "
+                     f"of waves, {speed:.2g} m/s. No solid is like that: E or rho are in other units")
         self.parameters: dict[str, ParameterKeys] = found["parameter"]
         self.parts: dict[str, Part] = found["part"]
         self.joints: dict[str, JointKind] = found["joint"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -214,10 +214,15 @@ class Models:
         """The lowest normal modes of the full model: the rigid-body modes, and the elastic modes of the default band."""
         def modes() -> fs.NormalModes:
             self.say("normal modes")
-            rigid = len(MOTIONS)  # the largest possible number of rigid-body modes
-            return fs.normal_modes(self.full, count=max(1, min(rigid + self.scene.settings.elastic, self.full.size - rigid)))
+            return self.lowest(self.scene.settings.elastic)
 
         return self.kept(("normal", self._key, self.scene.settings.elastic), modes)
+
+    def lowest(self, count: int) -> fs.NormalModes:
+        """The rigid-body modes of the full model, and six more than `count` elastic modes, as far as it has them."""
+        with warnings.catch_warnings():  # not of a small model that lacks some of the six
+            warnings.filterwarnings("ignore", "count=", fs.FemsubWarning)
+            return fs.normal_modes(self.full, count=min(count + len(MOTIONS), self.full.size))
 
     @cached_property
     def given_band(self) -> tuple[float, float] | None:
@@ -366,10 +371,9 @@ class Models:
         def modes() -> fs.ComplexModes:
             if self.pencil:
                 model = known.model
-                return fs.complex_modes(model.at(**{name: given.get(name, self.value(name)) for name in model.parameters}),
-                                        band=band)
+                return fs.complex_modes(model.at(**self.values(model.parameters, given)), band=band)
             if isinstance(known.model, fs.BoxModel):
-                return known.model.modes(**{name: given.get(name, self.value(name)) for name in known.model.parameters})
+                return known.model.modes(**self.values(known.model.parameters, given))
             if known is self.exact or band is None:
                 self.say(f"complex modes of {known.model.size} DOF")
                 return fs.complex_modes(known.model, self.at(given), band=band, evidence=evidence)
@@ -377,6 +381,10 @@ class Models:
 
         at = "modes", id(known.model), tuple(given.items()), band, repr(self.linear)
         return self.kept(at if evidence is None or at in self.scene.store else ("uncounted", *at), modes)
+
+    def values(self, names: Iterable[str], given: Mapping[str, float]) -> dict[str, float]:
+        """The values of parameters: those that are given, and the scene's values of the others."""
+        return {name: given[name] if name in given else self.value(name) for name in names}
 
     def value(self, name: str) -> float:
         """The value of a parameter of matrices.
@@ -400,7 +408,7 @@ class Models:
         changes = {name: one.change(self) for name, one in self.scene.parameters.items() if name in names and one.acts}
         if self.pencil and known is self.exact:
             part, = self.scene.parts.values()
-            values = {name: self.value(name) for name in part.names if name not in names}
+            values = self.values((name for name in part.names if name not in names), {})
             site = self.scene.site(next(iter(self.scene.parts)))
             return self.kept(("family", self._key, tuple(names), tuple(values.items())),
                              lambda: part.family(site, tuple(names), values)), None  # type: ignore[attr-defined]

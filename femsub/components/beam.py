@@ -155,7 +155,7 @@ def element_lengths(length: float, elements: int | Sequence[float]) -> tuple[Arr
 def _node(x: Array, place: Any, what: str) -> int:
     if isinstance(place, str):
         return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
-    where = [finite_number(f"a place in {what}", place)]
+    where = [finite_number(f"a place in {what} other than 'left' and 'right'", place)]
     return node_at(x[:, None], 1 + np.arange(len(x)), where, what, POSITION * np.diff(x).min())
 
 

@@ -9,7 +9,10 @@ from .atomic import (
     with_index as with_index,
     write_whole as write_whole,
 )
-from .component_files import read_aligned as read_aligned
+from .component_files import (
+    read_aligned as read_aligned,
+    refuse_exchanged as refuse_exchanged,
+)
 from .declared import (
     Key as Key,
     alternatives as alternatives,

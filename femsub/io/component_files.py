@@ -135,12 +135,10 @@ def read_component(M: str | Path, K: str | Path | None = None, D: str | Path | N
     # matrices, and a DOF map of their own or beside them
     else:
         K = M if K is None else K
-        named = {key: path for key, path in (("M", M), ("K", K), ("D", D)) if path is not None and path_of(key, path) != Path()}
-        paths = {key: Path(path) for key, path in named.items()}
-        if _kind(paths["M"]) == "K" and _kind(paths["K"]) == "M":
-            raise InputError(f"M is {paths['M']}, which by its name holds a stiffness matrix, and K is {paths['K']}, by its "
-                             "name a mass matrix. The mass comes first: read_component(M, K). If the names are wrong, rename "
-                             "the files")
+        paths = {key: path_of(key, path) for key, path in (("M", M), ("K", K), ("D", "" if D is None else D))}
+        if paths["D"] == Path():  # '' stands for no damping
+            del paths["D"]
+        refuse_exchanged(paths["M"], paths["K"])
         matrices, own = read_aligned(paths, {key: key for key in paths}, "K", ("M",), massless, drop_empty)
         size = matrices["K"].shape[0]
         if dofs is not None and own is not None:
@@ -195,6 +193,13 @@ def _kind(path: Path) -> str:
     words = {word for word in re.split(r"[^a-z]+", (inside or file).lower()) if word}
     kinds = [kind for kind, names in NAMES.items() if words & names]
     return kinds[0] if len(kinds) == 1 else ""
+
+
+def refuse_exchanged(M: Path, K: Path) -> None:
+    """Refuses files of M and K that by their names are in each other's place."""
+    if _kind(M) == "K" and _kind(K) == "M":
+        raise InputError(f"M is {M}, which by its name holds a stiffness matrix, and K is {K}, by its name a mass matrix. The "
+                         "mass comes first: read_component(M, K). If the names are wrong, rename the files")
 
 
 def read_aligned(paths: Mapping[str, Path], usual: Mapping[str, str], frame: str,

@@ -99,8 +99,8 @@ class Key:
 
     @property
     def in_hertz(self) -> bool:
-        """Whether it is a band, whose ends may be given as "5000 Hz" or "5 kHz"."""
-        return self.form == RANGES[0] and self.unit.startswith("rad/")
+        """Whether it is a frequency, or a list of them, which may be given as "5000 Hz" or "5 kHz"."""
+        return self.unit.startswith("rad/")
 
     @property
     def tables(self) -> list[Any]:
@@ -203,10 +203,8 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
             raise InputError("it is an empty list. Leave the key out to take its default")
         wanted = f"one at least of {', '.join(one.choices(owner))}" if one.choices else one.meaning
         raise InputError(f"it is an empty list. Give {wanted}")
-    if one.in_hertz and isinstance(value, list):
-        value = [in_radians(end, hertz) for end in value]
-    elif one.unit.startswith("rad/") and isinstance(value, str):
-        value = in_radians(value, hertz)
+    if one.in_hertz:
+        value = [in_radians(item, hertz) for item in value] if isinstance(value, list) else in_radians(value, hertz)
     for kind in alternatives(one.type):
         inner = item_type(kind)
         if dataclasses.is_dataclass(kind) and isinstance(value, Mapping):
@@ -224,12 +222,15 @@ def _value(one: Key, value: Any, owner: Any, place: Place, faults: Faults, hertz
 
 
 def in_radians(value: Any, known: bool) -> Any:
-    """2π · 5000 for "5 kHz"; other values as they are."""
-    found = HERTZ.fullmatch(value) if isinstance(value, str) else None
-    if found is None:
+    """2π · 5000 for "5 kHz"; numbers as they are."""
+    if not isinstance(value, str):
         return value
+    if not (found := HERTZ.fullmatch(value)):
+        raise InputError(f"{shown(value)} is no frequency. Give numbers in rad per unit of time, or, where that is s, "
+                         "\"5000 Hz\" or \"5 kHz\"")
     if not known:
-        raise InputError(f"{value!r} is given in hertz, which needs the unit of time: give units, e.g. units = \"SI\"")
+        raise InputError(f"{value!r} is given in hertz, which needs units whose time is s: give units, e.g. units = \"SI\", or "
+                         "the frequency in rad per unit of time")
     return 2 * pi * float(found[1]) * (1000 if found[2] else 1)
 
 
@@ -239,7 +240,7 @@ def check_value(one: Key, value: Any, owner: Any, name: str) -> None:
         raise InputError(f"it must be {one.form}, not {shown(value)}")
     if one.form in RANGES and isinstance(value, list):
         interval("it", value)
-    if one.in_hertz and isinstance(value, list) and value[1] > HIGHEST:
+    if one.in_hertz and one.form in RANGES and value[1] > HIGHEST:
         raise InputError(f"it must end below {HIGHEST:.3g}, so that the cubes of its frequencies are finite, but is "
                          f"{shown(value)}")
     if one.distinct and (twice := [item for item in value if value.count(item) > 1]):

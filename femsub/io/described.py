@@ -41,7 +41,7 @@ def _about(one: Key, owner: Any) -> str:
     words = type_words(one.type).replace("a list of", f"{one.form}," if one.form else "a list of")
     words += f"{', numbers' if 'string' in words else ''} {one.bounds}" if one.bounds else ""
     words += f" [{one.unit}]" if one.unit else ""
-    words += ", or \"5 kHz\" where units are given" if one.in_hertz else ""
+    words += ", or \"5 kHz\" where the unit of time is s" if one.in_hertz else ""
     words += f": {', '.join(one.choices(owner))}" if one.choices is not None else ""
     standard = one.otherwise or ("" if one.default in (None, "", [], {}) else toml(one.default))
     needed = "; required" if one.required else f"; required with {one.required_with}" if one.required_with else ""
@@ -90,8 +90,6 @@ def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
             ways.append({"type": "object", "additionalProperties": any_of(_ways(one, get_args(way)[1], owner))})
         elif inner is not None:
             single = _ways(one, inner, owner)
-            if one.in_hertz:
-                single.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
             length = one.length
             ways.append({"type": "array", "items": any_of(single), "minItems": length or 1} | (
                 {"maxItems": length} if length else {}) | ({"uniqueItems": True} if one.distinct else {}))
@@ -100,6 +98,8 @@ def _ways(one: Key, declared: Any, owner: Any) -> list[dict[str, Any]]:
                 ways += [way for way in bare if way not in ways]  # a single value may stand for a list of one
         else:
             ways.append(_value(way, one, owner))
+            if one.in_hertz:
+                ways.append({"type": "string", "pattern": f"^{HERTZ.pattern}$"})
     return ways
 
 

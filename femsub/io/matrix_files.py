@@ -140,8 +140,10 @@ def _chosen(path: Path, found: Mapping[str, TextMatrix], wanted: str | None, usu
         if len(found) == 1 or (usual and name.lower() == usual.lower()):
             return name
     what = "no matrix" if not found else f"{len(found)} matrices"
-    raise InputError(f"{path} holds {what}: {listed}" + ("; name one, as in variable='K' or 'file.mat:K'" if found else
-                                                         "; it may be cut short or hold something else"))
+    other = ", as a struct: save its fields as variables, by save('file.mat', '-struct', 'name') in MATLAB"
+    raise InputError(f"{path} holds {what}: {listed}" + (
+        "; name one, as in variable='K' or 'file.mat:K'" if found else
+        f"; it may be cut short or hold something else{other * (path.suffix.lower() == '.mat')}"))
 
 
 def guarded(path: Path, reader: Callable[[Path], Any]) -> Any:

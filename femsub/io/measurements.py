@@ -19,6 +19,7 @@ from femsub.modes import FrequencyResponse, ModeSet
 HEADS = {Sets.FUNCTION: 11, Sets.DATA_AT_NODES: 8, Sets.ANALYSIS_DATA: 13}  # lines before the numbers of a data set
 FORCES = (13, 9)  # data types of the denominator: excitation force, reaction force
 QUANTITIES = {"displacement": 8, "velocity": 11, "acceleration": 12}  # data types of the numerator
+FREQUENCY = 18  # data type of the abscissa
 ORDERS = {8: 0, 11: 1, 12: 2}  # by data type, how often the displacement is differentiated
 SILENT = {0: "unknown", 1: "general"}  # data types that do not name a quantity
 RECORD = {"f4": 6, "f8": 4}  # numbers on a full line of text, by precision
@@ -43,8 +44,8 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     it reads             data set 58 of function type 4, text and binary: displacement, velocity or acceleration
                          over force, converted to displacement over force; other data sets are passed over. Zeros may fill
                          the last line of text behind the announced values
-    it refuses           a pair of response and load that is missing, different frequencies, other quantities, real values,
-                         NaN, a data set without an end, fewer or more values than it says
+    it refuses           a pair of response and load that is missing, different frequencies, other quantities, an abscissa that
+                         is no frequency, real values, NaN, a data set without an end, fewer or more values than it says
     it cannot know       the units of the numbers: they must be the units of the other parts. The directions are those of each
                          node's own frame. What data of the types 0 (unknown) and 1 (general) are: state it
     ===================  =======================================================================================
@@ -149,6 +150,9 @@ def _receptance(file: Path, one: DataSet, quantity: str | None, over: str | None
         sign = -sign if direction < 0 else sign
     where = f"{file}: the response from {names[1]} to {names[0]}"
     # quantities, by the file or as stated
+    along, = whole(file, where, [one.lines[7][:10].strip() or "0"])
+    if along not in (*SILENT, FREQUENCY):
+        raise InputError(f"{where} is listed over the data type {along}, but frequency ({FREQUENCY}) in Hz is needed")
     top, bottom = (whole(file, where, [one.lines[line][:10].strip()])[0] for line in (8, 9))
     if (quantity and top not in (*SILENT, QUANTITIES[quantity])) or (over and bottom not in (*SILENT, *FORCES)):
         raise InputError(f"{where} has the data types {top} over {bottom}, which are not those of {quantity or 'the response'} "

@@ -444,7 +444,11 @@ def _exudyn(model: Substructure, full: Substructure | None, name: str) -> dict[s
     reduced_M, reduced_K, motion = np.asarray(model.M), np.asarray(model.K), model.rigid_motion
     rigid = np.zeros((model.size, 0)) if motion is None or not hasattr(motion, "shapes") else motion.shapes
     Q = null_space((reduced_M @ rigid).T) if rigid.shape[1] else np.eye(model.size)
-    stiffness, elastic = eigh(Q.T @ reduced_K @ Q, Q.T @ reduced_M @ Q)
+    try:
+        stiffness, elastic = eigh(Q.T @ reduced_K @ Q, Q.T @ reduced_M @ Q)
+    except np.linalg.LinAlgError:
+        raise InputError(f"M of {model.name!r} is singular, and Exudyn needs a mass for each mode. Reduce by another method, "
+                         "such as fs.Rubin: fs.MacNeal leaves the interface without mass") from None
     shapes = np.zeros((n, len(stiffness)))
     shapes[rows] = model.V @ (Q @ elastic)
     # the constant matrices of Zwölfer and Gerstmayr (2020), named as in Exudyn

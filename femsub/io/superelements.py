@@ -84,8 +84,14 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     # matrices, whose rows are in the order that the cards give, or DMIG's with grid and direction of their rows
     if ending != ".op2" and any(card == "DMIG" for card, _ in deck.cards):
         found = dmig_of(path, deck.cards)
-        known = [found[key].labels for key in (f"{name}{_pair(path, found)}" for name in ("k", "m", "b", "k4")) if key in found]
-        rows = sorted({(grid, direction) for one in known if one is not None for grid, direction in one.tolist()})
+        end = _pair(path, found)
+        known = {key: set(map(tuple, places.tolist())) for key in (f"{letter}{end}" for letter in ("k", "m", "b", "k4"))
+                 if key in found and (places := found[key].labels) is not None}
+        rows = sorted(set().union(*known.values()))
+        for key, what in ((f"k{end}", "stiffness"), (f"m{end}", "mass")):
+            if lost := sorted(set(rows) - known.get(key, set())):
+                warn(f"{path}: {key.upper()} has no entries for {len(lost)} of {len(rows)} DOF, first grid {lost[0][0]}, "
+                     f"direction {lost[0][1]}: they count as without {what}. If they have it, the file is damaged")
         raw = _raw(deck, path, found, rows, written=True)
     elif ending == ".op2":
         raw = _raw(deck, path, of_op2, deck.order())
@@ -219,7 +225,9 @@ class _Raw:
 def _pair(path: Path, matrices: Mapping[str, TextMatrix]) -> str:
     """The letters behind K and M in the names of the superelement's matrices, as 'aa' in KAA and MAA."""
     sizes = {name: item.matrix.shape[0] for name, item in matrices.items() if item.matrix.shape[0] == item.matrix.shape[1]}
-    ends = [name[1:] for name in sizes if name[0] == "k" and sizes[name] == sizes.get(f"m{name[1:]}")]
+    # matrices of DMIG cards leave out rows of zeros, as those of DOF without mass
+    ends = [name[1:] for name in sizes if name[0] == "k" and (other := f"m{name[1:]}") in sizes and (
+        sizes[name] == sizes[other] or all(matrices[one].labels is not None for one in (name, other)))]
     ends = [end for end in ends if sizes[f"k{end}"] > 1] or ends
     if len(ends) != 1:
         listed = ", ".join(f"{name} {item.matrix.shape[0]} x {item.matrix.shape[1]}" for name, item in matrices.items())

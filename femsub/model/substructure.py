@@ -235,7 +235,7 @@ class Substructure(Frozen):
         if self.H is not None:
             raise InputError(f"{self.name!r} has structural damping H, which has no place in {what}: K + iH holds in harmonic "
                              "motion alone. Take fs.equivalent_viscous(model, omega), which damps motion at ω as much, or "
-                             "model.with_structural_damping(None)")
+                             "model.with_structural_damping(None). In a scene file, give rayleigh in place of loss")
 
     def dof_name(self, row: int) -> str:
         """The name of a DOF in messages: 'uz at node 12', or without a DOF map 'DOF 3', counted from 0."""

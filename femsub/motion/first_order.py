@@ -54,7 +54,9 @@ class Flow:
     Attributes
     ----------
     t, y
-        Current time and state, y = [x, u, work, dissipation], shape (2n + 2,).
+        Current time since the start, and state, y = [x, u, work, dissipation], shape (2n + 2,).
+    begin : float
+        The time of the start, for messages: the model does not depend on time.
     rate, jacobian : callable
         ẏ = rate(t, y) and ∂ẏ/∂y **transposed**, in arrays that the next call overwrites.
     rest : ndarray, shape (n,)
@@ -81,7 +83,7 @@ class Flow:
     error = None  # SciPy's integrators do not report their local errors
 
     def __init__(self, contact: Sliding, start: State, t: float, tol: float, method: str, columns: Matrix) -> None:
-        self.t, self.tol, self.method, self.columns = t, tol, method, columns
+        self.t, self.begin, self.tol, self.method, self.columns = 0.0, t, tol, method, columns
         self.steps = self.rhs = self.jacobians = 0
         pencil = contact.model.pencil.dense()
         try:
@@ -135,7 +137,7 @@ class Flow:
         return 200 * 2 * np.pi / (self.highest or 1.0)
 
     def advance(self, times: Array) -> tuple[Array, Array]:
-        """columnsᵀq and columnsᵀq̇ at times, (m, c) each.
+        """columnsᵀq and columnsᵀq̇ at times since the start, (m, c) each.
 
         times[0] is the current time, at which the integrator restarts.
 
@@ -164,13 +166,13 @@ class Flow:
                 failed = "" if done.success else done.message
         self.steps, self.rhs, self.jacobians = (before + int(more) for before, more in zip(
             (self.steps, self.rhs, self.jacobians), effort, strict=True))
+        between = " and ".join(f"{self.begin + time:g}" for time in (times[0], times[-1]))
         if failed:
-            raise NotConvergedError(f"{self.method} stopped between t = {times[0]:g} and {times[-1]:g} at tol = {self.tol:g}: "
+            raise NotConvergedError(f"{self.method} stopped between t = {between} at tol = {self.tol:g}: "
                                     f"{' '.join(failed.split())}. Use a larger tol or eps, or another method")
         if not np.isfinite(found).all():
-            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {times[0]:g} and {times[-1]:g}. Either the "
-                                    "friction law is not finite, or the motion grows without bound. A belt cannot cause that, "
-                                    "so check D")
+            raise NotConvergedError(f"{self.method} met a NaN or Inf between t = {between}. Either the friction law is not "
+                                    "finite, or the motion grows without bound. A belt cannot cause that, so check D")
         self.t, self.y = float(times[-1]), found[-1].copy()
         n, C = len(self.T), self.T.T @ self.columns
         return (found[:, :n] + self.rest) @ C, found[:, n:2 * n] @ C

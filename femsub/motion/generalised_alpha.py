@@ -68,7 +68,7 @@ class AlphaFlow:
                  memory: float = 1e9, factors: int = 12, halvings: int = 40) -> None:
         model = contact.model
         self.memory, self.most, self.halvings = memory, factors, halvings
-        self.contact, self.t, self.tol, self.columns = contact, t, tol, columns
+        self.contact, self.t, self.begin, self.tol, self.columns = contact, 0.0, t, tol, columns
         self.M, self.D, self.K = (sp.csr_array(part) for part in (model.M, model.D, model.K))
         self.weight = self.M.diagonal()
         if self.weight.min() <= 0:
@@ -126,7 +126,7 @@ class AlphaFlow:
         self.factors.clear()
 
     def advance(self, times: Array) -> tuple[Array, Array]:
-        """columnsᵀq and columnsᵀq̇ at times, (m, c) each."""
+        """columnsᵀq and columnsᵀq̇ at times since the start, (m, c) each."""
         shown = [self.reached]
         begin, kept, halved = self.reached, 1, 0
         while len(shown) < len(times):
@@ -143,8 +143,8 @@ class AlphaFlow:
             if self.worst > self.tol:
                 halved += 1
                 if halved > self.halvings:
-                    raise NotConvergedError(f"the step fell to {step:.2g} near t = {times[at]:g}, but the local error is still "
-                                            f"{self.worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
+                    raise NotConvergedError(f"the step fell to {step:.2g} near t = {self.begin + times[at]:g}, but the local "
+                                            f"error is still {self.worst:.1e} at tol = {self.tol:g}. Use a larger tol or eps")
                 # the local error falls with the third power of the step: a step that is far too long is halved up to five times
                 self.dt = step / 2 ** min(max(1, int(np.log2(self.worst / self.tol) / 3)), 5)
                 self.history, self.done, self.worst = [begin], 0, 0.0

@@ -67,8 +67,8 @@ class State:
                              f"shapes are {q} and {v}")
 
     def __repr__(self) -> str:
-        return f"State: {len(self.displacement)} DOF, largest |q| {np.abs(self.displacement).max():.4g}, " \
-               f"largest |q̇| {np.abs(self.velocity).max():.4g}"
+        return f"State: {len(self.displacement)} DOF, largest |q| {np.abs(self.displacement).max(initial=0.0):.4g}, " \
+               f"largest |q̇| {np.abs(self.velocity).max(initial=0.0):.4g}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,7 +269,7 @@ class Sliding:
         found, size = real_array(name, value), self.model.size
         if found.shape not in ((), (size,)):
             raise InputError(f"{name} must have {size} entries, one per DOF of the model, but its shape is {found.shape}. "
-                             "Project a state of the full model onto a reduced one with nonlinear_model.project")
+                             "Project a state of the full model onto a reduced one by fs.motion.project(rom, full.M, q)")
         return np.broadcast_to(found, (size,)).copy()
 
 
@@ -345,7 +345,7 @@ def project(rom: ReducedSubstructure, M: Matrix, field: Array) -> Array:
     if not isinstance(rom, ReducedSubstructure):
         raise InputTypeError(f"project takes a reduced substructure, not {type(rom).__name__}")
     rows = rom.V.shape[0]
-    u = np.asarray(field, dtype=float)
+    u = real_array("field", field)
     if M.shape != (rows, rows) or u.ndim == 0 or u.shape[0] != rows:
         raise InputError(f"the basis has {rows} rows, but M is {M.shape} and the field {u.shape}. Give those of the full model")
     return mass_solve(rom.M, rom.V.T @ (M @ u))

@@ -217,7 +217,9 @@ def growth_rate(t: Array, signal: Array, between: tuple[float, float] | None = N
     places = times[at] + step * np.array([place for place, _ in refined])
     heights = np.log([height for _, height in refined])
     (rate, _), covariance = np.polyfit(places, heights, 1, cov=True)
-    return Growth(float(rate), float(np.pi * (len(at) - 1) / (places[-1] - places[0])), float(np.sqrt(covariance[0, 0])),
+    # zeros are counted, not peaks: a grid of a few points per period misses peaks
+    turns = np.count_nonzero(np.diff(np.signbit(x[at[0]:at[-1] + 1])))
+    return Growth(float(rate), float(np.pi * turns / (places[-1] - places[0])), float(np.sqrt(covariance[0, 0])),
                   (float(places[0]), float(places[-1])))
 
 
@@ -247,6 +249,9 @@ def part_of(t: Any, signal: Any, between: tuple[float, float] | None, fewest: in
     if len(times) < fewest:
         span = "the signal" if between is None else f"the part between {between[0]:g} and {between[1]:g}"
         raise InputError(f"{span} has {len(times)} points, but at least {fewest} are needed")
+    if not (good := np.isfinite(x)).all():
+        raise InputError(f"the signal holds a NaN or Inf at t = {times[~good][0]:.12g}. Interpolate it there, np.interp(t, "
+                         "t[good], signal[good]) with good = np.isfinite(signal), or select a part without it by `between`")
     if len(times) == 1:
         return times, x, np.nan
     if (back := np.flatnonzero(np.diff(times) <= 0)).size:

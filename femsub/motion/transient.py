@@ -288,13 +288,14 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     if start is not None and impulse is not None:
         raise InputError("give either start or impulse, not both: an impulse starts from the sliding equilibrium")
     first = contact.impulse(1e-3 if impulse is None else impulse) if start is None else contact.checked(start)
-    # the trajectory, ready to start, and the grid on which it is recorded
+    # the trajectory, ready to start, and the grid on which it is recorded, both in times since t0: far from 0, times are rounded
+    span = t1 - t0
     flow: Flow | AlphaFlow
     if method == "alpha" or (method == "auto" and sp.issparse(model.K) and model.size > DENSE):
         from femsub.motion.generalised_alpha import AlphaFlow
 
         grid = _grid(t0, t1, step, samples, record_from, 0.0)
-        apart = float(grid[1] - grid[0]) if len(grid) > 1 else t1 - t0
+        apart = float(grid[1] - grid[0]) if len(grid) > 1 else span
         flow = AlphaFlow(contact, first, t0, apart, TOL["alpha"] if tol is None else float(tol), columns)
     elif model.size > QUADRATIC:
         raise InputError(f"{method!r} is for dense models of up to {QUADRATIC} DOF, but {model.name!r} has {model.size}. Use "
@@ -306,12 +307,12 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     parts = [(np.zeros((0, columns.shape[1])),) * 2]
     reported = clock.perf_counter()
     with closing(flow), Interruptible() as course:
-        for times, wanted in _stretches(t0, t1, grid, flow.stretch):
+        for times, wanted in _stretches(span, grid, flow.stretch):
             q, v = flow.advance(times)
             parts.append((q[wanted], v[wanted]))
             if clock.perf_counter() - reported > 0.3:  # seconds: about three lines per second can be read
                 reported = clock.perf_counter()
-                report(f"t = {flow.t:.6g} of {t1:g}")
+                report(f"t = {t0 + flow.t:.6g} of {t1:g}")
     q, v = (np.concatenate(pieces) for pieces in zip(*parts, strict=True))
     work, loss, change, common, energy = flow.balance
     largest = max(abs(work), abs(loss), abs(change), 1e-6 * energy)
@@ -321,10 +322,10 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
         place = first.displacement
         least = EPS * float(np.sqrt(max(place @ (model.K @ place), 0.0)))
         rounding = least / flow.begins if flow.begins else np.inf if least else 0.0
-    run = Transient(contact, grid[:len(q)], {name: q[:, at] for name, at in places.items()},
+    run = Transient(contact, t0 + grid[:len(q)], {name: q[:, at] for name, at in places.items()},
                     {name: v[:, at] for name, at in places.items()},
                     (q[:, -model.size:], v[:, -model.size:]) if whole else None, first,
-                    flow.state, flow.t, course.complete, balance,
+                    flow.state, t0 + flow.t, course.complete, balance,
                     Effort(flow.method, flow.tol, flow.steps, flow.rhs, flow.jacobians, clock.perf_counter() - began),
                     flow.error, rounding)
     log.info("%r", run)
@@ -335,6 +336,8 @@ def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | 
              multiple: float = STICKING, below: float | None = None) -> float:
     """The share of the time in which a belt's contact sticks: |v0 - wᵀq̇| ≤ multiple · ε, or ≤ `below` for a law without ε.
 
+    A port of several columns sticks while any of them does, as for `LimitCycle.sticking`.
+
     Examples
     --------
     >>> import femsub as fs
@@ -343,11 +346,12 @@ def sticking(run: Transient, port: str = "belt", between: tuple[float, float] | 
     0.0
     """
     belt = instance("run", run, Transient).belt(port)
-    part = part_of(run.t, run.velocity(port), between, 1)[1]
-    return float(np.mean(belt.sticks(part, multiple, below)))
+    parts = [part_of(run.t, one, between, 1)[1] for one in np.atleast_2d(run.velocity(port).T)]
+    return float(belt.sticks(np.array(parts), multiple, below).any(axis=0).mean())
 
 
 def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_from: float | None, highest: float) -> Array:
+    """The recorded times since t0."""
     begin = t0 if record_from is None else float(finite_number("record_from", record_from))
     if not t0 <= begin < t1:
         raise InputError(f"record_from must lie in the time from {t0:g} to {t1:g}, but is {begin:g}")
@@ -355,7 +359,7 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
         raise InputError("give either step or samples, not both: one follows from the other")
     if samples is not None:
         whole_number("samples", samples, least=1, most=MOST_ASKED)
-        return np.linspace(begin, t1, samples + 1)
+        return np.linspace(begin - t0, t1 - t0, samples + 1)
     if step is None:
         step = 2 * np.pi / (PER_PERIOD * highest) if highest else (t1 - begin) / 2000
         step = max(step, (t1 - begin) / MOST_POINTS)
@@ -363,20 +367,20 @@ def _grid(t0: float, t1: float, step: float | None, samples: int | None, record_
         raise InputError(f"a step of {step:g} gives {(t1 - begin) / step:.1e} points, but at most {MOST_ASKED:.0e} are possible. "
                          "Use a larger step, or record_from")
     step = float(step)
-    return begin + step * np.arange(int((t1 - begin) / step + EPS**0.5) + 1)
+    return begin - t0 + step * np.arange(int((t1 - begin) / step + EPS**0.5) + 1)
 
 
-def _stretches(t0: float, t1: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
-    """Yields the times of each call of the integrator, from the end of the last call on, and which of them are recorded.
+def _stretches(span: float, grid: Array, longest: float) -> Iterator[tuple[Array, Array]]:
+    """Yields the times of each call of the integrator from 0 to `span`, and which of them are recorded.
 
     From the first point of the grid on, each call ends at a point of the grid. The calls depend on the grid and the model only,
     so a run can be repeated exactly.
     """
-    for pair in pairwise(np.linspace(t0, grid[0], int(np.ceil((grid[0] - t0) / longest)) + 1)):
+    for pair in pairwise(np.linspace(0.0, grid[0], int(np.ceil(grid[0] / longest)) + 1)):
         yield np.array(pair), np.zeros(2, dtype=bool)
     apart = float(grid[1] - grid[0]) if len(grid) > 1 else longest
     count = max(1, int(longest / apart))
-    rest = [t1] if t1 - grid[-1] > EPS**0.5 * apart else []
+    rest = [span] if len(grid) == 1 or span - grid[-1] > EPS**0.5 * apart else []
     for at in range(0, max(1, len(grid) - 1), count):
         times = np.append(grid[at:at + count + 1], rest if at + count >= len(grid) - 1 else [])
         yield times, (times <= grid[-1]) & ((times > times[0]) | (at == 0))

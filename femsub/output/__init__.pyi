@@ -47,7 +47,15 @@ from .tables import (
     span as span,
     table as table,
 )
-from .units import SYSTEMS as SYSTEMS, UNKNOWN as UNKNOWN, Units as Units, factor_words as factor_words
+from .units import (
+    DENSEST as DENSEST,
+    FASTEST as FASTEST,
+    IN_SI as IN_SI,
+    SYSTEMS as SYSTEMS,
+    UNKNOWN as UNKNOWN,
+    Units as Units,
+    factor_words as factor_words,
+)
 from .verdicts import (
     ANSWERS as ANSWERS,
     NEVER as NEVER,

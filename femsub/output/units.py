@@ -83,6 +83,8 @@ class Units:
 
 UNKNOWN = Units()
 SYSTEMS = {"SI": Units("m", "s", "kg", "N"), "mm-t-s": Units("mm", "s", "t", "N")}
+IN_SI = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}  #: the unit of length in m, and the unit of mass in kg
+FASTEST, DENSEST = 2e4, 3e4  #: limits of solids: waves in diamond have 1.8e4 m/s, osmium has 2.3e4 kg/m³
 
 
 def _hertz(value: Any) -> Any:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.checks import Array, Tally, choice, positive_number, truth
-from femsub.output import Chart, Displayed, Level, Panel, Series, Table, Verdict, column, fitted, floored
+from femsub.output import IN_SI, Chart, Displayed, Level, Panel, Series, Table, Verdict, column, fitted, floored
 from femsub.studies.audit_case import FAULT, GOOD, UNKNOWN, Case, Finding
-from femsub.studies.audit_checks import SYSTEMS, findings
+from femsub.studies.audit_checks import findings
 
 if TYPE_CHECKING:
     from femsub.model import Pencil, Substructure
@@ -236,7 +236,7 @@ def audit(reduced: Substructure | Pencil | Mapping[str, Any], full: Substructure
     stated: dict[str, Any] = {
         "mass": None if mass is None else positive_number("mass", mass), "turning": truth("gyroscopic", gyroscopic),
         "floating": None if floating is None else truth("floating", floating),
-        "units": "" if isinstance(units, str) and not units else choice("units", units, SYSTEMS)}
+        "units": "" if isinstance(units, str) and not units else choice("units", units, IN_SI)}
     if cutoff is not None:
         stated["cutoff"] = positive_number("cutoff", cutoff)
     case = Case.of(reduced, full=full, **stated)

@@ -14,12 +14,9 @@ import numpy as np
 
 from femsub.checks import EPS, EQUAL, Array, FemsubError
 from femsub.model import MOTIONS, ReducedSubstructure, by_diagonal, over_diagonal, rounding_of, units
-from femsub.output import factor_words
+from femsub.output import FASTEST, IN_SI, factor_words
 from femsub.reduction import AGREE, HELD_KIND, METHODS, PRODUCTS, SHAPED, Body, GivenModel, Mapped, coupling, off_diagonal
 from femsub.studies.audit_case import FAULT, GOOD, Case, Finding, KeptModes, listed, unknown
-
-#: the unit of length in m, and the unit of mass in kg
-SYSTEMS = {"SI": (1.0, 1.0), "mm-t-s": (1e-3, 1e3)}
 
 
 class Seen:
@@ -254,17 +251,17 @@ def other_mass(case: Case, body: Body, stated: float) -> Sight:
     return Seen(abs(body.mass / stated - 1), mass=body.mass, stated=stated, factor=factor_words(body.mass / stated))
 
 
-def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float = 1e8, fastest: float = 2e4) -> Sight:
+def implausible(case: Case, body: Body, lightest: float = 1e-2, heaviest: float = 1e8, fastest: float = FASTEST) -> Sight:
     """Mass over the cube of the interface's extent L [kg/m³], and the wave speed ω L/π [m/s] of the first elastic ω.
 
     The limits of the density are wide, since a part may be much lighter or heavier than a cube of side L. No solid has waves
     faster than `fastest`.
     """
-    if case.units not in SYSTEMS:
+    if case.units not in IN_SI:
         return unknown("the system of units is not stated", "State units ('SI' or 'mm-t-s')")
     if not body.length:
         return unknown("the interface is one point")
-    metre, kilogram = SYSTEMS[case.units]
+    metre, kilogram = IN_SI[case.units]
     density = body.mass * kilogram / (body.length * metre) ** 3
     omega = case.free_frequencies[case.free_frequencies > 1e-3 * case.free_frequencies.max(initial=0.0)]
     speed = float(omega.min(initial=0.0)) * body.length * metre / np.pi

@@ -134,6 +134,9 @@ def parameter_of(scene: Scene, name: str) -> None:
     for part in scene.parts.values():
         names |= set(part.names)
     names |= {one for one, keys in scene.parameters.items() if keys.acts}
+    if not names:
+        raise InputError(f"there is no parameter {name!r}: give a contact that has it, such as [contact.rub] with belt = "
+                         f"\"part.port\", or a table [parameter.{name}]")
     if name not in names:
         raise unknown_name("parameter", name, names)
 

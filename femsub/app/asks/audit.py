@@ -71,6 +71,7 @@ class AuditAsk(Ask):
         assert isinstance(own, ModelFiles)
         if own.model:
             return fs.read_component((folder / own.model).parent)
+        fs.io.refuse_exchanged(folder / own.M, folder / own.K)
         found: dict[str, Any] = {name: fs.read_matrix(folder / getattr(own, name)) for name in "MKDV" if getattr(own, name)}
         dofs = fs.io.read_dofs(folder / own.dofs) if own.dofs else None
         lists = {"interface": own.interface, "kinds": own.kinds, "dofs": dofs}

@@ -21,7 +21,7 @@ class ModesAsk(Ask):
     """Normal modes of the full model: all modes in the band, or a number of the lowest ones."""
 
     modes: int | str = key("band", "number of the lowest modes; six more are computed, since a free body has six rigid ones; "
-                             "or 'band': all modes in it", choices=lambda _: ("band",))
+                             "or 'band': all modes in it", choices=lambda _: ("band",), least=1)
     reference: list[float] = key([], "frequencies that another program found, to compare with", unit="rad/time", above=0,
                                  otherwise="none", example=[10.67387655, 11.10545089])
     listed: int = key(20, "number of frequencies printed; the table that --out writes has all", least=1)
@@ -31,9 +31,7 @@ class ModesAsk(Ask):
     def run(self, models: Models) -> Result:
         full = models.full
         if isinstance(self.modes, int):
-            most = full.size - 6
-            found = models.normal if self.modes == models.scene.settings.elastic else fs.normal_modes(
-                full, count=max(1, min(6 + self.modes, most)))
+            found = models.normal if self.modes == models.scene.settings.elastic else models.lowest(self.modes)
         else:
             found = fs.normal_modes(full, band=models.band_of(self.band))
         (limit, count), rows = found.counted, fs.modes.rows_beside(found, self.reference)

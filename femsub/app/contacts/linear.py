@@ -6,8 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 import femsub as fs
 from femsub.app.contacts import ContactKind
 from femsub.app.kinds import key
@@ -31,8 +29,7 @@ class LinearContactKind(ContactKind):
         return list(self.linear)
 
     def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
-        given = (np.array(one) if one else None for one in (self.stiffness, self.damping))
-        return fs.LinearContact(tuple(map(port, self.linear)), *given)
+        return fs.LinearContact(tuple(map(port, self.linear)), self.stiffness or None, self.damping or None)  # type: ignore[arg-type]
 
     @property
     def words(self) -> str:

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import numpy as np
-
 import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
@@ -89,7 +87,7 @@ class AffinePart(Part):
         """The checked matrices, all of one size, by their places such as 'K[1]'."""
         given = {f"{sum_}[{i}]": term.matrix for sum_ in "MDK" for i, term in enumerate(getattr(self.affine, sum_), 1)}
         paths = {name: found(site, one) for name, one in given.items() if isinstance(one, str)}
-        matrices: dict[str, Any] = {name: np.array(one) for name, one in given.items() if not isinstance(one, str)}
+        matrices: dict[str, Any] = {name: one for name, one in given.items() if not isinstance(one, str)}
         if paths:
             base = next((name for name in paths if name[0] == "K"), next(iter(paths)))
             masses = [name for name in paths if name[0] == "M"]

@@ -157,9 +157,12 @@ def of_signal(t: Any, v: Any, columns: int) -> Orbit:
     from scipy.signal import correlate, find_peaks
 
     time, speed = real_array("t of start=(t, v)", t), np.atleast_2d(real_array("v of start=(t, v)", v))
-    if time.ndim != 1 or speed.shape != (columns, len(time)) or not (np.diff(time) > 0).all():
-        raise InputError(f"start=(t, v) takes ascending times (m,) and speeds ({columns}, m), one row per column of the contact, "
-                         f"not {np.shape(t)} and {np.shape(v)}")
+    if time.ndim != 1 or speed.shape != (columns, len(time)):
+        raise InputError(f"start=(t, v) takes times (m,) and speeds ({columns}, m), one row per column of the contact, not "
+                         f"{np.shape(t)} and {np.shape(v)}")
+    if (back := np.flatnonzero(np.diff(time) <= 0)).size:
+        raise InputError(f"the times of start=(t, v) must increase, but {time[back[0] + 1]:.12g} comes after "
+                         f"{time[back[0]]:.12g}")
     if len(time) < 64:
         raise InputError(f"the signal has {len(time)} samples, but at least 64 are needed to find a period")
     even = np.linspace(time[len(time) // 2], time[-1], power_of_two(len(time)))

@@ -18,6 +18,7 @@ from femsub.checks import (
     NotConvergedError,
     finite_number,
     positive_number,
+    real_array,
     warn,
     whole_number,
 )
@@ -136,7 +137,7 @@ class LimitCycle(Displayed):
 
     def velocity(self, t: Any) -> Array:
         """v(t) = Wᵀq̇, in the shape of t for one column, `(p, *t.shape)` for several columns."""
-        times = np.asarray(t, dtype=float)
+        times = real_array("t", t)
         found = np.moveaxis(2 * (np.exp(np.multiply.outer(times, self.orbit.s)) @ self.orbit.v).real, -1, 0)
         return found[0] if self.contact.columns == 1 else found
 
@@ -144,7 +145,7 @@ class LimitCycle(Displayed):
         """q and q̇ on the cycle at time t in the model's own coordinates: q_k = P(ikω)⁻¹ W f_k, K q_0 = W f_0."""
         f = coefficients(Balance(self.contact, self.flexibility).force(self.orbit, self._wave.shape[1]), self.orbit.harmonics)
         s = self.orbit.s
-        q = self.flexibility.response(s, f[1:]) * np.exp(s * float(t))
+        q = self.flexibility.response(s, f[1:]) * np.exp(s * float(finite_number("t", t)))
         return State(self.contact.static[0] @ f[0].real + 2 * q.real.sum(axis=1), 2 * (q * s).real.sum(axis=1))
 
     @cached_property
