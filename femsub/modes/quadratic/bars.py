@@ -86,10 +86,11 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     share = np.divide(left, terms, out=np.where(residual.any(axis=0), np.inf, 0.0), where=terms > 0)
     bar[share > SOLVED] = np.inf
     # A left vector may lack a small component that acts where the residual is large. Then |y|ᵀ|r| is too small. So poor bars
-    # are evaluated again, with y after a step of inverse iteration. Their number is limited: of a dense model, together they take
-    # the time of a single one in the largest model
-    poor = np.flatnonzero(np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0))
-    for k in poor[:int((QUADRATIC / pencil.size) ** 3)]:
+    # are evaluated again, with y after a step of inverse iteration; in a sparse model, where a step takes a factor, only if the
+    # pair is solved. Their number is limited: of a dense model, together they take the time of a single one in the largest model
+    backward = pencil.backward_error(values, X, residual)
+    poor = np.isfinite(bar) & (bar > HALF * np.abs(values)) & (values != 0) & ((backward <= EQUAL) | (not pencil.is_sparse))
+    for k in np.flatnonzero(poor)[:int((QUADRATIC / pencil.size) ** 3)]:
         solver = solver_near(pencil, values[k])
         if solver is not None:
             y = corrected(pencil, values[k], Y[:, k].conj(), Y[:, k], solver)[1]
@@ -103,7 +104,7 @@ def _one_by_one(pencil: Pencil, values: Array, X: Array, Y: Array, gap: Array) -
     scale = size**2 * pencil.norms[0] + size * pencil.norms[1] + pencil.norms[2]
     with np.errstate(divide="ignore", invalid="ignore"):
         condition = np.where(sensitivity * size > 0, scale * np.linalg.norm(X, axis=0) * length / (sensitivity * size), np.inf)
-    return Bars(pencil.backward_error(values, X, residual), bar, condition)
+    return Bars(backward, bar, condition)
 
 
 class Mended(NamedTuple):

@@ -128,7 +128,7 @@ def modal_form(pencil: Pencil) -> ModalForm | None:
                 scale = M.diagonal() ** -0.5
                 if not np.isfinite(scale).all() or np.linalg.cond(M * np.outer(scale, scale)) > REGULAR:
                     return None
-                motion = motion_of(pencil.rigid_motion) or of_full(pencil)
+                motion = motion_of(pencil.rigid_motion)
                 values, shapes, rigid = _undamped(K if symmetric else (K + K.T) / 2, M, K, motion)
             except la.LinAlgError:
                 return None
