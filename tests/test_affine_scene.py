@@ -302,3 +302,16 @@ def test_a_value_that_the_ask_gives_needs_no_other() -> None:
     assert np.sort_complex(found) == pytest.approx(np.sort_complex(fs.complex_modes(family.at(speed=0.1, mu=0.4)).eigenvalues))
     with pytest.raises(fs.InputError, match=r"'speed' has no value: give \[parameter.speed\] with value"):
         Scene({"scene": "affine", "ask": [{"complex-modes": "full"}]}).run(print)
+
+
+@pytest.mark.parametrize(("lines", "words"), [
+    ("[reduce]\nmethods = ['craig-bampton']", "its only method is methods = ['box']"),
+    ("[reduce]\nmodes = [1]", "its only method is methods = ['box']"), ("[reduce]\nmethods = ['box']", "give band, e.g. band")])
+def test_a_pencil_of_matrices_is_reduced_by_a_box_alone(lines: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "my.toml"
+    path.write_text(f"scene = 'affine'\n{lines}\n")
+    with pytest.raises(fs.InputError, match=re.escape(words.replace("'box'", '"box"'))):
+        Scene.from_file(path)
+    path.write_text("scene = 'affine'\nband = [0, 3]\n[reduce]\nmethods = ['box']\n")  # as the remedies say
+    branches = Scene.from_file(path).run(print).data["flutter"]["branches"]
+    assert {row["model"] for row in branches} == {"box"} and len({row["branch"] for row in branches}) == 2

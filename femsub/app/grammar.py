@@ -281,6 +281,11 @@ class Scene:
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # parts with faults, which are not in self.parts, included
                 faults.add(("reduce", "methods"), unknown_name("part", name, every))
+        for name in [name for name, part in self.parts.items() if part.KIND == "affine"] if self.reduce.methods else []:
+            if self.reduce.methods != ["box"]:
+                faults.add(("reduce",), f"{name!r} is a pencil of matrices: its only method is methods = [\"box\"]")
+            elif not self.settings.band:
+                faults.add(("reduce",), f"a box of {name!r}, a pencil of matrices, needs a band: give band, e.g. band = [0, 2e4]")
 
     def _tables(self, family: str, faults: Faults) -> Iterator[tuple[str, tuple[Any, ...], Mapping[str, Any]]]:
         """The tables of a family with their names and places: [family.NAME], or [[family]] in their order."""

@@ -43,7 +43,7 @@ class Sums:
 class AffinePart(Part):
     """A pencil of your own matrices with factors of parameters, such as D1 + mu/speed DR + speed DG and K1 + mu KR + speed² Kgeo.
 
-    It can be neither joined to other parts nor reduced. [parameter.NAME] gives ranges and values of its parameters.
+    It cannot be joined to other parts, and a box alone reduces it. [parameter.NAME] gives ranges and values of its parameters.
     """
 
     affine: Sums = key(None, "the matrices", required=True, example={"M": [{"matrix": "M.mtx"}], "K": [
