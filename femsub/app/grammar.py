@@ -281,7 +281,9 @@ class Scene:
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # parts with faults, which are not in self.parts, included
                 faults.add(("reduce", "methods"), unknown_name("part", name, every))
-        for name in [name for name, part in self.parts.items() if part.KIND == "affine"] if self.reduce.methods else []:
+        for name, part in self.parts.items():
+            if part.KIND != "affine" or not self.reduce.methods:
+                continue
             if self.reduce.methods != ["box"]:
                 faults.add(("reduce",), f"{name!r} is a pencil of matrices: its only method is methods = [\"box\"]")
             elif not self.settings.band:

@@ -424,7 +424,7 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         q, Z = coordinates(V, given.shapes, unit), given.shapes
     if q is not None:
         motion = RigidMotion.of(Z, sub.D, unit, q)
-        with np.errstate(divide="ignore"):  # where D has no entry, no rounding comes into it: an infinite unit
+        with np.errstate(divide="ignore"):  # in units of D's rounding, so that the change of each entry stays within it
             D = without(D, motion.undamped, 1 / np.linalg.norm(noise, axis=1))
 
     model = ReducedSubstructure(

@@ -118,6 +118,11 @@ def _between(U: Array, A: Array, V: Array, doubt: Array | float = 0.0) -> tuple[
     return np.where(size > limit, found, 0.0), limit, not ((size > limit / UNSURE) & (size < limit * UNSURE)).any()
 
 
+def _damping(pencil: Pencil, U: Array, V: Array) -> Array:
+    """UᵀDV with 0 for entries within rounding, that of the projections that D stems from included."""
+    return _between(U, pencil.D, V, _projected(pencil, U, V))[0]
+
+
 def _split(U: Array, A: Array, V: Array, doubt: Array | float) -> tuple[Array, Array, Array, int, bool]:
     """L, s, R with LᵀUᵀAVR = diag(s), the number of |s|, the first, above rounding, and whether none is near that limit.
 
@@ -146,7 +151,7 @@ def parted(pencil: Pencil, solve: Solver) -> Eigenpairs | None:
     rank, damped = len(parts.mass), len(parts.drag)
     if rank == pencil.size:
         return None
-    D, K = _between(U, pencil.D, V, _projected(pencil, U, V))[0], U.T @ pencil.K @ V
+    D, K = _damping(pencil, U, V), U.T @ pencil.K @ V
     D[a, a], D[a, b], D[b, a], D[b, b] = np.diag(parts.drag), 0.0, 0.0, 0.0
     if not _regular(K[b, b]):
         if (found := as_multipliers(pencil, parts)) is None:
@@ -194,7 +199,7 @@ def as_multipliers(pencil: Pencil, parts: Parts) -> tuple[Pencil, Array, Array, 
     U, V = parts.U.copy(), parts.V.copy()
     left, size, right, rank, clear = _split(U[:, b], pencil.K, V[:, b], 0.0)
     U[:, b], V[:, b] = U[:, b] @ left, V[:, b] @ right
-    D, K, M = _between(U, pencil.D, V, _projected(pencil, U, V))[0], U.T @ pencil.K @ V, np.zeros(pencil.M.shape)
+    D, K, M = _damping(pencil, U, V), U.T @ pencil.K @ V, np.zeros(pencil.M.shape)
     held = slice(b.start + rank, None)
     if rank == len(size) or D[held].any() or D[:, held].any():
         return None
@@ -267,8 +272,7 @@ def finite(pencil: Pencil) -> int | None:
     if not parts.clear:
         return None
     one, _, b = parts.groups
-    between = parts.U, pencil.D, parts.V, _projected(pencil, parts.U, parts.V)
-    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _between(*between)[0]
+    stiffness, D = parts.U[:, b].T @ pencil.K @ parts.V[:, b], _damping(pencil, parts.U, parts.V)
     if _regular(stiffness):
         added = D[one, b] @ np.linalg.solve(stiffness, D[b, one])
         return 2 * len(parts.mass) + len(parts.drag) if not added.any() or _regular(np.diag(parts.mass) - added) else None
