@@ -16,7 +16,6 @@ from femsub.app.result import Remark, Result, Table, column
 from femsub.checks import InputError
 
 if TYPE_CHECKING:
-    from femsub import Substructure
     from femsub.app.grammar import Scene
     from femsub.app.models import Models
 
@@ -77,7 +76,7 @@ class AuditAsk(Ask):
         lists = {"interface": own.interface, "kinds": own.kinds, "dofs": dofs}
         return found | {"name": models.scene.name} | {name: value for name, value in lists.items() if value}
 
-    def whole(self, models: Models) -> Substructure | None:
+    def whole(self, models: Models) -> fs.Substructure | None:
         """The full model from files, if there is one."""
         if self.full is None:
             return None

@@ -15,7 +15,6 @@ from femsub.app.shapes import complex_pictures, page_mode, several_pictures
 from femsub.model import in_band
 
 if TYPE_CHECKING:
-    from femsub import ComplexModes
     from femsub.app.models import Known, Models
 
 SHOWN = ("is_stable", "eigenvalues", "error_bar", "backward_error", "above_cutoff")  # attributes of complex modes
@@ -39,7 +38,7 @@ class ComplexModesAsk(AskAt):
     def run(self, models: Models) -> Result:
         spectra, panels, unstable = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
         remarks: list[Remark] = []
-        solved: list[tuple[Models, list[tuple[Known, ComplexModes]]]] = []
+        solved: list[tuple[Models, list[tuple[Known, fs.ComplexModes]]]] = []
         for values, own in self.variants(models):
             found = self.spectra(own)
             solved.append((own, found))
@@ -83,7 +82,7 @@ class ComplexModesAsk(AskAt):
         """', mu = 0.4'."""
         return "".join(f", {name} = {value:g}" for name, value in self.at.items())
 
-    def spectra(self, models: Models) -> list[tuple[Known, ComplexModes]]:
+    def spectra(self, models: Models) -> list[tuple[Known, fs.ComplexModes]]:
         """The chosen models with their modes, the full model first if it is chosen."""
         band = None if self.every else models.given_band if models.pencil else models.band_of(self.band)
         found = []
@@ -92,7 +91,7 @@ class ComplexModesAsk(AskAt):
             found.append((one, models.spectrum(one, self.at, (0.0, 1.5 * models.band[1]) if large else band)))
         return found
 
-    def row(self, models: Models, one: Known, found: ComplexModes, lead: Known, exact: ComplexModes) -> dict[str, Any]:
+    def row(self, models: Models, one: Known, found: fs.ComplexModes, lead: Known, exact: fs.ComplexModes) -> dict[str, Any]:
         """The row of a model in the table. It is compared with `lead`, the first model, whose modes are `exact`."""
         cutoff = getattr(one.model, "cutoff", np.inf)
         top = float(exact.frequencies.max(initial=0.0)) if self.every or models.pencil else models.band_of(self.band)[1]
@@ -109,7 +108,7 @@ class ComplexModesAsk(AskAt):
             data["shape_error"] = fs.modes.angle_between(x, exact.shapes[:, at], models.full.M)
         return data
 
-    def shapes(self, models: Models, found: list[tuple[Known, ComplexModes]], at: int, data: dict[str, Any]) -> tuple[
+    def shapes(self, models: Models, found: list[tuple[Known, fs.ComplexModes]], at: int, data: dict[str, Any]) -> tuple[
             list[Any], dict[str, Any]]:
         """Output and files with shapes: the least stable mode by the last chosen model, and modes of the full one that grow."""
         scene, units = models.scene, models.scene.units

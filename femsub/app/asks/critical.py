@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
-from femsub import ReducedSubstructure
 from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of, rowed
 from femsub.app.kinds import key
-from femsub.app.result import Remark, Result, Table, Verdict, column, label, span
+from femsub.app.result import Remark, Result, Shown, Table, Verdict, column, label, span
 from femsub.checks import InputError, first_few
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
-    from femsub.app.result import Shown
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ class CriticalAsk(Ask):
         for one in chosen:
             loss = found[id(one)]
             error = max((one.model.port_error.get(name, 0.0) for name in models.places), default=0.0) if isinstance(
-                one.model, ReducedSubstructure) else 0.0
+                one.model, fs.ReducedSubstructure) else 0.0
             rows.append({**one.head, "value": loss.value, "omega": loss.omega, "full": exact,
                          "error": fs.modes.relative_error(loss.value, exact), "port_error": error, "reason": loss.reason})
         return rows

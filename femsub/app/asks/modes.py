@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import femsub as fs
 from femsub.app.asks import Ask
 from femsub.app.kinds import key
-from femsub.app.result import Remark, Result, Table, column
+from femsub.app.result import Remark, Result, Shown, Table, column
 from femsub.app.shapes import pictures
 
 if TYPE_CHECKING:
     from femsub.app.models import Models
-    from femsub.app.result import Shown
 
 
 @dataclass(frozen=True)

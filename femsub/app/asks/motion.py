@@ -15,7 +15,6 @@ from femsub.app.result import NEVER, Remark, Result, Table, Verdict, column, lab
 from femsub.checks import InputError, Interruptible
 
 if TYPE_CHECKING:
-    from femsub import Transient
     from femsub.app.grammar import Scene
     from femsub.app.models import Known, Models
     from femsub.motion import Track
@@ -96,7 +95,7 @@ class MotionAsk(Ask):
         """The name in the model of the port that is observed."""
         return models.port(self.observe) if self.observe else models.places[0]
 
-    def long_run(self, models: Models, one: Known) -> tuple[Transient, tuple[float, float], float]:
+    def long_run(self, models: Models, one: Known) -> tuple[fs.Transient, tuple[float, float], float]:
         """(run, window, unit of time) of a model."""
         unit = self.unit(models) if self.in_periods else 1.0
         start, end = self.motion[0] * unit, self.motion[1] * unit
@@ -104,7 +103,7 @@ class MotionAsk(Ask):
         place, ports = self.place(models), [name for contact in models.contacts for name in contact.ports]
         window = (self.window[0] * unit, self.window[1] * unit) if self.window else (0.25 * start + 0.75 * end, end)
 
-        def run() -> Transient:
+        def run() -> fs.Transient:
             return fs.transient(one.model, models.contacts, (start, end), impulse=self.impulse, step=step, tol=self.tol,
                                 ports=[] if place in ports else [place],
                                 progress=lambda text: models.say(f"{label(one.kind)}, {text}"))

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from femsub import coupling
+import femsub as fs
 from femsub.app.contacts import ContactKind
 from femsub.app.kinds import key
 from femsub.checks import InputError
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class BeltContactKind(ContactKind):
     force: float = key(1.0, "the normal force with which it presses", unit="force", least=0)
     speed: float = key(0.19113, "its speed v0", unit="length/time")
     law: str = key("stribeck-arctan", "the friction law: as the paper prints it, odd, or one of your own in LAWS",
-                   choices=lambda _: coupling.LAWS)
+                   choices=lambda _: fs.coupling.LAWS)
     eps: float = key(1e-3, "the friction law's width ε around speed 0", unit="length/time", above=0)
     slope: float | None = key(None, "μ'(v0), the slope of the friction law over the sliding speed; it replaces law, eps, speed",
                               unit="time/length", otherwise="the slope of law at speed", example=-0.2677)
@@ -37,11 +34,11 @@ class BeltContactKind(ContactKind):
     def parameters(self) -> list[str]:
         return ["slope", "force", "speed"]
 
-    def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
+    def made(self, port: Callable[[str], str], meshes: Mapping[str, fs.Mesh], surfaces: list[str]) -> Any:
         at = port(self.belt)
         if self.slope is not None:
-            return coupling.Belt(port=at, force=self.force, slope=self.slope)
-        return coupling.Belt(port=at, force=self.force, speed=self.speed, law=coupling.LAWS[self.law](eps=self.eps))
+            return fs.coupling.Belt(port=at, force=self.force, slope=self.slope)
+        return fs.coupling.Belt(port=at, force=self.force, speed=self.speed, law=fs.coupling.LAWS[self.law](eps=self.eps))
 
     @property
     def words(self) -> str:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.contacts import ContactKind
 from femsub.app.kinds import key
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class FrictionContactKind(ContactKind):
     def parameters(self) -> list[str]:
         return ["mu", "stiffness", "pressure", "speed", "slope"]
 
-    def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
+    def made(self, port: Callable[[str], str], meshes: Mapping[str, fs.Mesh], surfaces: list[str]) -> Any:
         return fs.FrictionContact(surfaces[0], surfaces[1], meshes, self.stiffness, self.mu, self.pressure,
                                   direction=np.array(self.direction) if self.direction else None,
                                   axis=np.array(self.axis) if self.axis else None, centre=np.array(self.centre),

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.contacts import ContactKind
 from femsub.app.kinds import key
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -28,7 +25,7 @@ class LinearContactKind(ContactKind):
     def places(self) -> list[str]:
         return list(self.linear)
 
-    def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
+    def made(self, port: Callable[[str], str], meshes: Mapping[str, fs.Mesh], surfaces: list[str]) -> Any:
         return fs.LinearContact(tuple(map(port, self.linear)), self.stiffness or None, self.damping or None)  # type: ignore[arg-type]
 
     @property

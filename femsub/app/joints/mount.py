@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.joints import JointKind
 from femsub.app.kinds import key
 from femsub.checks import InputError
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -37,6 +34,6 @@ class MountJointKind(JointKind):
             found.setdefault(part, {}).update({f"{name}-{axis}": (name, axis) for axis in self.directions})
         return found
 
-    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, fs.Mesh]) -> list[Any]:
         return [fs.Spring((part, f"{name}-{axis}"), stiffness=self.stiffness, damping=self.damping)
                 for part, name in ends for axis in self.directions]

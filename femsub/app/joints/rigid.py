@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.joints import ENDS, JointKind
 from femsub.app.kinds import key
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -22,5 +19,5 @@ class RigidJointKind(JointKind):
 
     KIND: ClassVar[str] = "rigid"
 
-    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, fs.Mesh]) -> list[Any]:
         return [fs.Rigid(*ends, tol=self.tol)]

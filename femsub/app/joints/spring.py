@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.joints import ENDS, JointKind
 from femsub.app.kinds import key
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -24,5 +21,5 @@ class SpringJointKind(JointKind):
 
     KIND: ClassVar[str] = "spring"
 
-    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, fs.Mesh]) -> list[Any]:
         return [fs.Spring(ends[0], ends[1], stiffness=self.stiffness, damping=self.damping, tol=self.tol)]

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.ends import GROUND
 from femsub.app.joints import JointKind
 from femsub.app.kinds import key
 from femsub.checks import InputError
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -26,7 +23,7 @@ class TiedJointKind(JointKind):
 
     KIND: ClassVar[str] = "tied"
 
-    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, fs.Mesh]) -> list[Any]:
         for words, end in zip(self.tied, ends, strict=True):
             if end == GROUND or end[0] not in meshes:
                 raise InputError(f"glue joins surfaces of meshes, but {words!r} is none")

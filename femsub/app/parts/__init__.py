@@ -14,7 +14,6 @@ from femsub.app.kinds import Kind, key
 from femsub.checks import FemsubError, InputError, unknown_name
 
 if TYPE_CHECKING:
-    from femsub import Material, Mesh, Substructure
     from femsub.checks import Array
 
 
@@ -37,7 +36,7 @@ class PartSite(NamedTuple):
     interface: Sequence[Any] = ()  #: sets or DOF that joints and contacts name
     ports: Mapping[str, Any] = {}  #: ports that joints need
 
-    def material(self, name: str) -> Material:
+    def material(self, name: str) -> fs.Material:
         """The material with this name.
 
         Raises
@@ -57,7 +56,7 @@ class Made:
 
     parts: dict[str, Any]
     joints: Sequence[Any] = ()
-    meshes: Mapping[str, Mesh] = field(default_factory=dict)
+    meshes: Mapping[str, fs.Mesh] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ class Part(Kind):
         """(key, set) for each key that names a set of the mesh."""
         return ()
 
-    def mesh(self, site: PartSite) -> Mesh | None:
+    def mesh(self, site: PartSite) -> fs.Mesh | None:
         """The mesh, read or built before the part is assembled; None if the part has no mesh."""
         return None
 
@@ -114,16 +113,16 @@ class Part(Kind):
         """The interface: the sets or DOF of the key `interface`, then those that joints and contacts name."""
         return list(dict.fromkeys([*self.interface, *site.interface]))
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         """The substructures of the part, with joints and meshes."""
         raise NotImplementedError
 
-    def one(self, site: PartSite, sub: Substructure, mesh: Mesh | None = None) -> Made:
+    def one(self, site: PartSite, sub: fs.Substructure, mesh: fs.Mesh | None = None) -> Made:
         """The model of a part that is one substructure, with the structural damping of `loss`."""
         sub = fs.damped(sub, structural=self.loss) if self.loss else sub
         return Made({site.name: sub}, (), {site.name: mesh} if mesh is not None else {})
 
-    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: fs.Mesh | None, group: str, constant: str, part: str) -> Any:
         """The change of a constant of its material, in a group of cells; `part` is the part's name in a system."""
         raise InputError(f"a part of the kind {self.KIND!r} has no material that could change")
 
@@ -138,7 +137,7 @@ class Part(Kind):
         found = self.end(words, None)
         return f"{found:g}" if isinstance(found, float) else found
 
-    def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
+    def moved(self, mesh: fs.Mesh, sub: fs.Substructure, u: Array) -> Array | None:
         """Displacements (nodes, 3, k) of the mesh's nodes for motions u (n, k); None if there is no DOF map."""
         return None if sub.dofs is None else fs.displacements(mesh, sub.dofs, u)
 

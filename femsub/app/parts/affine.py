@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
 from femsub.app.parts.matrices import found
-from femsub.checks import InputError
+from femsub.checks import InputError, Matrix
 from femsub.model import Expression, affine_of, check_range
-
-if TYPE_CHECKING:
-    from femsub import Affine, Mesh
-    from femsub.checks import Matrix
 
 
 @dataclass(frozen=True)
@@ -74,10 +70,10 @@ class AffinePart(Part):
                 raise InputError(f"the parameter {name!r} has no value: give [parameter.{name}] with value")
         check_range([one for terms in self.factors.values() for one in terms], free, between, values)
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         return Made({site.name: self.family(site, self.names, {})})
 
-    def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> Affine:
+    def family(self, site: PartSite, free: tuple[str, ...], values: Mapping[str, float]) -> fs.Affine:
         """The pencil as a function of the free parameters; `values` gives the others."""
         matrices = iter(self.matrices(site).values())
         sums = {name: [(one, next(matrices)) for one in terms] for name, terms in self.factors.items()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,6 @@ import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, rates
 from femsub.checks import InputError
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class BeamPart(Part):
         if not (self.I or (self.width and self.height)) or not (self.A or (self.width and self.height)):
             raise InputError("give width and height, or I and A")
 
-    def mesh(self, site: PartSite) -> Mesh | None:
+    def mesh(self, site: PartSite) -> fs.Mesh | None:
         return fs.components.line(np.arange(self.elements + 1) * (self.beam / self.elements), site.name)
 
     @property
@@ -54,12 +51,12 @@ class BeamPart(Part):
         """Second moment of area I and area A, by these names."""
         return {"I": self.I or self.width * self.height**3 / 12, "A": self.A or self.width * self.height}
 
-    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: fs.Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         return fs.MaterialChange.beam(self.beam, self.elements, constant, E=of.E, rho=of.rho, foundation=self.foundation,
                                       part=part, rayleigh=rates(self.rayleigh), **self.section)
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         of = site.material(self.material)
         return self.one(site, fs.beam(
             self.beam, self.elements, E=of.E, rho=of.rho, **self.section, foundation=self.foundation,

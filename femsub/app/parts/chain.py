@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite
-from femsub.checks import InputError
-
-if TYPE_CHECKING:
-    from femsub import Mesh, Substructure
-    from femsub.checks import Array
+from femsub.checks import Array, InputError
 
 
 @dataclass(frozen=True)
@@ -44,10 +40,10 @@ class ChainPart(Part):
     def port_names(self) -> list[str]:
         return ["belt"]
 
-    def mesh(self, site: PartSite) -> Mesh | None:
+    def mesh(self, site: PartSite) -> fs.Mesh | None:
         return None if self.cut or self.chain < 2 else fs.components.line(np.arange(self.chain) + 1.0, site.name)
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         if self.cut:
             if self.cut >= self.chain:
                 raise InputError(f"{self.chain} masses can be cut into {self.chain - 1} pieces at most, not {self.cut}")
@@ -71,5 +67,5 @@ class ChainPart(Part):
     def set_of(self, words: str) -> Any:
         return words
 
-    def moved(self, mesh: Mesh, sub: Substructure, u: Array) -> Array | None:
+    def moved(self, mesh: fs.Mesh, sub: fs.Substructure, u: Array) -> Array | None:
         return np.asarray(u[:, None] * np.array([1.0, 0.0, 0.0])[:, None])  # the chain lies along x, and its masses move along x

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.ends import End
 from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
 from femsub.checks import unknown_name
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from femsub import Mesh
 
 DOF = "counted from 0, or by the DOF map as '12:uz', '12.3' (node and direction) or '12:*'"
 ALL = "interface"  # the set of all interface DOF
@@ -45,7 +41,7 @@ class MatricesPart(Part):
 
     KIND: ClassVar[str] = "matrices"
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         own = self.matrices
         paths: dict[str, Any] = {name: found(site, getattr(own, name)) for name in ("M", "K", "D", "dofs") if getattr(own, name)}
         sub = fs.read_component(**paths, interface=self.prefer(site), ports=self.ports, name=site.name, massless=own.massless,

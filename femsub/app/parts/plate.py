@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, rates
-
-if TYPE_CHECKING:
-    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -24,7 +21,7 @@ class Rectangle:
     elements: list[int] = key([16, 12], "numbers of cells along its sides", least=1, form="[x, y]")
     cells: str = key("quad", "its cells", choices=lambda _: ("quad", "triangle"))
 
-    def mesh(self, name: str) -> Mesh:
+    def mesh(self, name: str) -> fs.Mesh:
         """The mesh."""
         made = fs.rectangle(self.lengths, self.elements, self.cells, name=name)
         ends = [np.intersect1d(made.sets[x], made.sets[y]) for x in ("left", "right") for y in ("front", "back")]
@@ -58,12 +55,12 @@ class PlatePart(Part):
                             ("ports", ports)):
             yield from ((key_, str(name)) for name in names)
 
-    def mesh(self, site: PartSite) -> Mesh | None:
+    def mesh(self, site: PartSite) -> fs.Mesh | None:
         if isinstance(self.plate, Rectangle):
             return self.plate.mesh(site.name)
         return fs.read_mesh(from_file(site, self.plate))
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         of = site.material(self.material)
         supports = dict.fromkeys(self.simply_supported, "simply supported") | dict.fromkeys(self.clamped, "clamped")
         options: dict[str, Any] = {"E": of.E, "nu": of.nu, "rho": of.rho, "thickness": self.thickness, "supports": supports,
@@ -74,7 +71,7 @@ class PlatePart(Part):
             return Made(dict(found.parts), found.joints, found.meshes)
         return self.one(site, fs.plate(mesh, interface=self.prefer(site), name=site.name, **options), mesh)
 
-    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: fs.Mesh | None, group: str, constant: str, part: str) -> Any:
         of = site.material(self.material)
         assert mesh is not None
         return fs.MaterialChange.plate(mesh, constant, E=of.E, nu=of.nu, rho=of.rho, thickness=self.thickness, cells=group

@@ -5,18 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 import femsub as fs
 from femsub.app.kinds import key
 from femsub.app.parts import RAYLEIGH, Made, Part, PartSite, from_file, motions, rates
-from femsub.checks import InputError, unknown_name
-
-if TYPE_CHECKING:
-    from femsub import Material, Mesh
-    from femsub.checks import Array
+from femsub.checks import Array, InputError, unknown_name
 
 BRICKS = ("hexahedron", "hexahedron20", "hexahedron27")
 BRAKE = ("disc", "inboard", "outboard")
@@ -46,7 +42,7 @@ class Shape:
         if sum(map(bool, (self.radii, self.lengths, self.brake))) != 1:
             raise InputError("give radii and thickness of a disc, lengths of a block, or brake")
 
-    def mesh(self, name: str) -> Mesh:
+    def mesh(self, name: str) -> fs.Mesh:
         """The mesh with its sets."""
         counts = self.elements or [4, 48, 2]
         if self.brake:
@@ -67,7 +63,7 @@ class NearKeys:
     near: list[float] = key([], "the point; two numbers: only distances along x and y count", unit="length",
                             required=True, example=[0.0, 0.0, 0.1])
 
-    def nodes(self, mesh: Mesh) -> Array:
+    def nodes(self, mesh: fs.Mesh) -> Array:
         """The row of the node in the mesh, as an array of one number."""
         if self.of and self.of not in mesh.sets:
             raise unknown_name("set", self.of, mesh.sets)
@@ -98,13 +94,13 @@ class SolidPart(Part):
         for key_, names in (("supports", motions(self.supports)), ("interface", motions(self.interface)), ("ports", ports)):
             yield from ((key_, str(name)) for name in names)
 
-    def mesh(self, site: PartSite) -> Mesh | None:
+    def mesh(self, site: PartSite) -> fs.Mesh | None:
         made = self.solid.mesh(site.name) if isinstance(self.solid, Shape) else fs.read_mesh(
             from_file(site, self.solid), kind=self.cells or None)
         return made.with_sets(**{name: one.nodes(made) for name, one in self.sets.items()}) if self.sets else made
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
-        material: Material | dict[str, Material] = site.material(self.material) if isinstance(self.material, str) else {
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
+        material: fs.Material | dict[str, fs.Material] = site.material(self.material) if isinstance(self.material, str) else {
             group: site.material(name) for group, name in self.material.items()}
         ports = {name: (one, "y") if isinstance(one, str) else tuple(one) for name, one
                  in (self.ports | dict(site.ports)).items()}
@@ -112,7 +108,7 @@ class SolidPart(Part):
         return self.one(site, fs.solid(mesh, material, supports=motions(self.supports), interface=motions(self.prefer(site)),
                                        ports=ports, rayleigh=rates(self.rayleigh), name=site.name), mesh)
 
-    def changed(self, site: PartSite, mesh: Mesh | None, group: str, constant: str, part: str) -> Any:
+    def changed(self, site: PartSite, mesh: fs.Mesh | None, group: str, constant: str, part: str) -> Any:
         if isinstance(self.material, dict) and group not in self.material:
             raise unknown_name(f"group of {site.name!r}", group, self.material)
         name = self.material[group] if isinstance(self.material, dict) else self.material

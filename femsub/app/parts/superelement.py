@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import femsub as fs
 from femsub.app.ends import End
 from femsub.app.kinds import key
 from femsub.app.parts import Made, Part, PartSite, from_file
 from femsub.app.parts.matrices import DOF
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from femsub import Mesh
 
 MODEL = "model.json"  # the index of a folder of write_matrices
 
@@ -32,7 +28,7 @@ class SuperelementPart(Part):
 
     KIND: ClassVar[str] = "superelement"
 
-    def made(self, site: PartSite, mesh: Mesh | None) -> Made:
+    def made(self, site: PartSite, mesh: fs.Mesh | None) -> Made:
         path = from_file(site, self.superelement)
         given: dict[str, Any] = {"interface": self.interface, "ports": self.ports, "cutoff": self.cutoff}
         return self.one(site, fs.read_component(path.parent if path.name == MODEL else path, name=site.name, **{
