@@ -41,7 +41,7 @@ def _parser() -> argparse.ArgumentParser:
     folder = shown.add_argument("folder", help="the folder that was given by --out")
     folder.complete = FOLDERS  # type: ignore[attr-defined]
     run = commands.add_parser("run", help="run a built-in scene by name, or a scene file")
-    _scene_argument(run, "a name from `femsub scenes`, a TOML file, or a results.json: that run again", files=True)
+    _scene_argument(run, "a name from `femsub scenes`, a TOML file, or a results.json: that run again")
     run.add_argument("--trust", metavar="PATH", action="append", default=[],
                      help="allow a Python file with kinds of your own, or a folder from which meshes include files; without "
                      "this option both must lie beside the file that names them")
@@ -54,7 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     explained.add_argument("kind", nargs="?", default="", help="a kind, such as solid, belt or compare; or material, parameter, "
                            "reduce, scene")
     _scene_argument(commands.add_parser("new", help="print the file of a built-in scene, or a file of your own in full: "
-                                        "femsub new beam > my.toml"), SCENE_NAME, files=True)
+                                        "femsub new beam > my.toml"), SCENE_NAME)
     commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
     completion = commands.add_parser("completion", help="print the completion script of a shell: "
                                      "femsub completion bash > ~/.local/share/bash-completion/completions/femsub")
@@ -75,11 +75,9 @@ def _output(command: argparse.ArgumentParser, written: str) -> None:
                       "factorisation and count")
 
 
-def _scene_argument(command: argparse.ArgumentParser, text: str, files: bool = False) -> None:
-    scene = command.add_argument("scene", help=text)
-    shells = {"bash": "_femsub_scene", "zsh": "_femsub_scene", "tcsh": "f"}
-    scene.complete = {shell: f"{name}_or_file" if files and shell != "tcsh" else name  # type: ignore[attr-defined]
-                      for shell, name in shells.items()}
+def _scene_argument(command: argparse.ArgumentParser, text: str) -> None:
+    scene, function = command.add_argument("scene", help=text), "_femsub_scene_or_file"
+    scene.complete = {"bash": function, "zsh": function, "tcsh": "f"}  # type: ignore[attr-defined]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -90,10 +90,9 @@ class Kinds:
             return self.kind(family, known[0])
         if known:
             raise InputError(f"it is of the kinds {' and '.join(known)}: a table has one of them")
-        strange = next((key for key in table), None)
-        if strange is None:
+        if not table:
             raise InputError(f"it is empty. Name its kind: {', '.join(names)}")
-        raise unknown_name(f"kind of {family}: none of its keys names one, as", strange, names)
+        raise unknown_name(f"kind of {family}: none of its keys names one, as", next(iter(table)), names)
 
 
 def is_beside(path: Path, folder: Path, trusted: Sequence[str]) -> bool:

@@ -233,24 +233,23 @@ class Models:
     @cached_property
     def band(self) -> tuple[float, float]:
         """The band of the scene; if it gives none, from 0 to just above its lowest elastic modes."""
-        if self.given_band is not None:
-            return self.given_band
-        return self.normal.elastic_band(self.scene.settings.elastic)
+        return self.given_band or self.normal.elastic_band(self.scene.settings.elastic)
 
-    def band_of(self, given: Sequence[float]) -> tuple[float, float]:
-        """The band of an ask if it gives one, else the band of the scene."""
-        return (given[0], given[1]) if given else self.band
+    def band_of(self, given: Sequence[float]) -> Any:
+        """The band (lo, hi) of an ask if it gives one, else the band of the scene. None for a pencil if neither gives one."""
+        return (given[0], given[1]) if given else self.given_band if self.pencil else self.band
 
-    def band_below(self, known: Known, given: Sequence[float] = ()) -> tuple[float, float]:
-        """The band of an ask, or of the scene, up to the model's cut-off.
+    def band_below(self, known: Known, given: Sequence[float] = ()) -> tuple[float, float] | None:
+        """`band_of`, up to the model's cut-off.
 
         Raises
         ------
         InputError
             The cut-off lies below the band.
         """
-        lo, hi = self.band_of(given)
-        cutoff = float(getattr(known.model, "cutoff", np.inf))
+        if (band := self.band_of(given)) is None:
+            return None
+        (lo, hi), cutoff = band, float(getattr(known.model, "cutoff", np.inf))
         if cutoff <= lo:
             raise InputError(f"the cut-off of the model of {known.model.size} DOF, {cutoff:.6g} rad/time, lies below the band. "
                              "Keep more modes")
@@ -312,8 +311,8 @@ class Models:
                 warnings.simplefilter("ignore", PortWarning)  # the tables show the port error
                 for step in steps:
                     before.append(model)
-                    if isinstance(step, fs.ContactModes):
-                        step = within_room(step, model)
+                    if isinstance(step, fs.ContactModes):  # of a model that is already reduced: fewer than its coordinates
+                        step = replace(step, modes=min(step.modes or 0, model.size - 1))
                     if isinstance(step, fs.ParameterBox):
                         family, contacts = self.over(self.exact, list(step.ranges))
                         model = fs.reduce(family, step, contacts=contacts)
@@ -466,8 +465,3 @@ class Models:
                 nodes = np.unique(dofs.nodes[rows])
                 found[key].append(fs.components.node_rows(mesh, nodes[np.isin(nodes, mesh.numbers)]))
         return {key: np.concatenate(rows) for key, rows in found.items() if rows and len(np.concatenate(rows))}
-
-
-def within_room(step: fs.ContactModes, model: Any) -> fs.ContactModes:
-    """Contact modes of a model that is already reduced: the step with at most model.size - 1 modes."""
-    return replace(step, modes=min(step.modes or 0, model.size - 1))

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 import femsub
-from femsub.algebra import commit, machine
+from femsub.algebra import commit
 from femsub.app.result import Result
 from femsub.checks import InputError, is_there, printable
-from femsub.io import Writer, held, with_index, write_whole
+from femsub.io import Writer, held, with_index, write_or_refuse
 from femsub.output import UNKNOWN, Units, for_json
 
 
@@ -63,15 +63,7 @@ def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
     InputError
         The folder cannot be written.
     """
-    try:
-        return write_whole(folder, writers)
-    except OSError as error:
-        raise InputError(f"the output folder {folder} cannot be written: {error.strerror or error}") from None
-
-
-def run_on() -> dict[str, Any]:
-    """The versions of packages and the machine of a run."""
-    return {"versions": versions(), "machine": machine()}
+    return write_or_refuse(f"the output folder {folder}", folder, writers)
 
 
 def versions() -> dict[str, Any]:

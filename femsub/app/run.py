@@ -29,7 +29,7 @@ def run_all(scene: Scene, progress: Progress) -> Result:
     data, head = introduced(models)
     parts, failed, complete = [Result({}, head)], dict[str, FemsubError](), True
     with Interruptible() as work:
-        for name, ask in titled(scene.asks):
+        for name, ask in titled(scene.asks).items():
             models.say(ask.KIND)
             try:
                 part = renamed(ask.run(models), name, ask)
@@ -88,15 +88,12 @@ def introduced(models: Models) -> tuple[dict[str, Any], list[Shown]]:
     return data, lines
 
 
-def titled(asks: list[Ask]) -> list[tuple[str, Ask]]:
-    """(name, ask) of each ask. The name is the ask's title; if several have the same title, later ones get a number."""
-    found: list[tuple[str, Ask]] = []
+def titled(asks: list[Ask]) -> dict[str, Ask]:
+    """The asks by name. The name is the ask's title; if several have the same title, later ones get a number."""
+    found: dict[str, Ask] = {}
     for ask in asks:
-        taken, name, number = {name for name, _ in found}, ask.title, 1
-        while name in taken:
-            number += 1
-            name = f"{ask.title}-{number}"
-        found.append((name, ask))
+        names = (ask.title, *(f"{ask.title}-{number}" for number in range(2, len(asks) + 1)))
+        found[next(name for name in names if name not in found)] = ask
     return found
 
 

@@ -7,7 +7,7 @@ from .atomic import (
     newest as newest,
     remove as remove,
     with_index as with_index,
-    write_whole as write_whole,
+    write_or_refuse as write_or_refuse,
 )
 from .component_files import (
     read_aligned as read_aligned,

@@ -87,7 +87,8 @@ def read_full(path: Path) -> dict[str, TextMatrix]:
     InputError
         See the table.
     """
-    stamp = _checked(path, ".full").stat()
+    _check_header(path, ".full")
+    stamp = path.stat()
     found = _matrices(path, stamp.st_mtime_ns, stamp.st_size)
     return {key: TextMatrix(item.matrix.copy(), item.labels) for key, item in found.items()}
 
@@ -241,8 +242,14 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     MissingPackageError
         ansys-mapdl-reader is not installed.
     """
+    package: ModuleSpec | None = None
+    with suppress(ModuleNotFoundError):  # another package of Ansys, without this part
+        package = find_spec(MODULE)
+    if package is None:
+        raise MissingPackageError(f"Ansys' .rst files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
+    _check_header(path, ".rst")
     # the arrays that a script in a process of its own finds in the file
-    with scratch(float(_checked(path, ".rst").stat().st_size)) as folder:
+    with scratch(float(path.stat().st_size)) as folder:
         target = folder / "found.npz"
         command = [sys.executable, "-c", BEGIN + SETS, str(path.absolute()), str(target), str(gigabytes)]
         done = completed(command, seconds)
@@ -301,16 +308,8 @@ def _axes(angles: Array) -> Array:
     return turned
 
 
-def _checked(path: Path, ending: str) -> Path:
-    """The path, after checks: Ansys wrote this kind of file, it is as long as its header says, and its package is installed."""
-    place: ModuleSpec | None = None
-    if ending == ".rst":
-        with suppress(ModuleNotFoundError):  # another package of Ansys, without this part
-            place = find_spec(MODULE)
-    if ending == ".rst" and place is None:
-        raise MissingPackageError(f"Ansys' {ending} files need PyAnsys' reader: {installed_by('ansys-mapdl-reader')}")
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
+def _check_header(path: Path, ending: str) -> None:
+    """Refuses a file that is not of this kind of Ansys, or shorter than its header says."""
     words = np.fromfile(path, "<i4", HEADER["next record"])
     head = {name: int(words[at]) for name, at in HEADER.items() if at < len(words)}
     if len(words) < HEADER["next record"] or head["length of the record"] != 100 or head["file number"] != KINDS[ending]:
@@ -318,4 +317,3 @@ def _checked(path: Path, ending: str) -> Path:
     size = max(head["file length"], _long(head["file length, low"], head["file length, high"]))
     if path.stat().st_size < 4 * size:
         raise InputError(f"{path} announces {4 * size} bytes, but has {path.stat().st_size}; it is cut short or damaged")
-    return path

@@ -25,7 +25,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, TypeAlias
 
 from femsub.algebra import identity, lock, opened
-from femsub.checks import content_hash, hash_of, no_room_error, resolved, temporary
+from femsub.checks import InputError, content_hash, hash_of, no_room_error, resolved, temporary
 
 Writer: TypeAlias = Callable[[BinaryIO], object]  # writes one file's content into an open temporary file, and may read it
 HASHES = "sha256"  # the key of {file: hash} in an index
@@ -141,6 +141,14 @@ def write_whole(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         for place in waiting:
             _finish(place, own=True)
     return list(places.values())
+
+
+def write_or_refuse(what: str, folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
+    """`write_whole`, whose OSError becomes an InputError: `what`, such as 'the folder out', cannot be written."""
+    try:
+        return write_whole(folder, writers)
+    except OSError as error:
+        raise InputError(f"{what} cannot be written: {error.strerror or error}") from None
 
 
 def remove(folder: Path, hashes: Mapping[Any, Any]) -> None:

@@ -48,13 +48,13 @@ def _about(one: Key, owner: Any) -> str:
     return words + (needed or (f"; default: {standard}" if standard else ""))
 
 
-def docstring_lines(kind: Any, indent: str = "") -> list[str]:
+def docstring_lines(kind: Any) -> list[str]:
     """A class's docstring, wrapped anew."""
     parts = inspect.cleandoc(kind.__doc__ or "").split("\n\n")
-    return [line for part in parts for line in _paragraph(part, indent)]
+    return [line for part in parts for line in _paragraph(part, "")]
 
 
-def _paragraph(text: str, indent: str = "") -> list[str]:
+def _paragraph(text: str, indent: str) -> list[str]:
     return textwrap.wrap(text, width=80, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from femsub.checks import Array, InputError, as_word, choice, instance, mapping, path_of, word
 from femsub.components import CELLS, Mesh, checked
-from femsub.io.atomic import Writer, scratch, write_whole
+from femsub.io.atomic import Writer, scratch, write_or_refuse
 from femsub.io.cdb import read_cdb
 from femsub.io.damage import head_of, unreadable_refused
 from femsub.io.foreign_meshes import quietly, read_foreign, read_tetgen
@@ -319,10 +319,7 @@ def write_mesh(path: str | Path, mesh: Mesh, shapes: Mapping[str, Any] | None = 
     """
     place = path_of("path", path)
     content = mesh_bytes(mesh, shapes, place.suffix)
-    try:
-        write_whole(place.parent, {place.name: lambda file: file.write(content)})
-    except OSError as error:
-        raise InputError(f"the mesh file {place} cannot be written: {error.strerror or error}") from None
+    write_or_refuse(f"the mesh file {place}", place.parent, {place.name: lambda file: file.write(content)})
     return place
 
 

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from femsub.checks import InputError, Matrix, as_word, choice, instance, path_of, unlike
 from femsub.io.abaqus_calculix import read_dofs, write_dofs
-from femsub.io.atomic import HASHES, Writer, content_sum, newest, scratch, with_index, write_whole
+from femsub.io.atomic import HASHES, Writer, content_sum, newest, scratch, with_index, write_or_refuse
 from femsub.io.matrix_files import read_together
 from femsub.io.op4 import op4_module
 from femsub.model import Estimate, Inertia, Origin, ReducedSubstructure, RigidMotion, Substructure
@@ -63,10 +63,7 @@ def write_matrices(folder: str | Path, model: Substructure, format: str = "mtx")
     ['D.mtx', 'K.mtx', 'M.mtx', 'V.mtx', 'model.json', 'ports.mtx']
     """
     target = path_of("folder", folder)
-    try:
-        return write_whole(target, model_files(instance("model", model, Substructure), format))
-    except OSError as error:
-        raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
+    return write_or_refuse(f"the folder {folder}", target, model_files(instance("model", model, Substructure), format))
 
 
 def model_files(model: Substructure, format: str = "mtx") -> dict[str, Writer]:

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from femsub.checks import Array, InputError, choice, instance, path_of, whole_number, whole_numbers
 from femsub.io.abaqus_calculix import DIRECTIONS, write_dofs
-from femsub.io.atomic import Writer, write_whole
+from femsub.io.atomic import Writer, write_or_refuse
 from femsub.io.damage import announced
 from femsub.io.model_folder import write_op4, write_single
 from femsub.io.op4 import op4_module
@@ -140,10 +140,8 @@ def write_superelement(folder: str | Path, model: Substructure, program: str, fu
         recovered = [node for node, _ in _recovery(model, places, rows)[0]]
         whole = model.full_dofs is not None and len(recovered) == len(np.unique(model.full_dofs.nodes))
         recovers = "all" if nodes == "all" and whole else recovered
-    try:
-        return write_whole(target, files | {VALIDITY: partial(_validity, model=model, places=places, recovers=recovers)})
-    except OSError as error:
-        raise InputError(f"the folder {folder} cannot be written: {error.strerror or error}") from None
+    validity: Writer = partial(_validity, model=model, places=places, recovers=recovers)
+    return write_or_refuse(f"the folder {folder}", target, files | {VALIDITY: validity})
 
 
 @dataclass(frozen=True)

@@ -72,11 +72,9 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
     # cards
     of_op2, cards = read_op2(path) if ending == ".op2" else ({}, [])
     deck.cards += cards
-    for other in (".asm", ".pch"):
-        if other in files and ending in (".op4", ".op2", ".asm", ".pch") and not cards:
-            deck.add(files[other])
-    if ending not in (".op4", ".op2", ".asm", ".pch"):
-        deck.add(path)
+    beside = () if cards else (".asm", ".pch") if ending in (".op4", ".op2", ".asm", ".pch") else (ending,)
+    for other in (one for one in beside if one in files):
+        deck.add(files[other])
     if not deck.cards:
         raise InputError(f"{path} has neither {path.stem}.asm nor {path.stem}.pch beside it, which list the DOF of a "
                          f"superelement. Copy them there, or read its matrices alone, "
@@ -175,19 +173,16 @@ class _Deck:
 
     def modal(self) -> set[int]:
         """Scalar points that are not in the b-set, and points of the q-set."""
-        found = self.scalar() - self.fixed()
-        for card, fields in self.of("QSET1"):
-            found |= set(self.listed(card, fields[1:]))
-        for card, fields in self.of("QSET"):
-            found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
-        return found
+        return (self.scalar() - self.fixed()) | self.points_of("QSET")
 
     def fixed(self) -> set[int]:
         """Points of the b-set, which the modes of the superelement hold."""
-        found = {number for card, fields in self.of("BSET1", "BNDFIX1") for number in self.listed(card, fields[1:])}
-        for card, fields in self.of("BSET", "BNDFIX"):
-            found |= {whole(self.path, card, grid, 1) for grid, _ in quadruples(fields, 2)}
-        return found
+        return self.points_of("BSET", "BNDFIX")
+
+    def points_of(self, *names: str) -> set[int]:
+        """Points of cards such as BSET, which has directions behind each point, and BSET1, which has them before all points."""
+        found = {number for card, fields in self.of(*(f"{name}1" for name in names)) for number in self.listed(card, fields[1:])}
+        return found | {whole(self.path, card, grid, 1) for card, fields in self.of(*names) for grid, _ in quadruples(fields, 2)}
 
     def recovered(self) -> list[tuple[int, int, int]]:
         """(grid, count of directions, first row of MUG1 from 1), as DTI TUG1 lists them."""
@@ -258,7 +253,7 @@ def _raw(deck: _Deck, file: Path, found: Mapping[str, TextMatrix], rows: list[tu
             for names in ((f"b{end}", f"b{end}1"), (f"k4{end}", f"k4{end}1", "k4xx")))
     # motions that are recovered: the rows of MUG1, which DTI TUG1 lists, or the columns of MUG1T that are there
     tug, table, turned = deck.recovered(), found.get("mug1"), found.get("mug1t")
-    at = [(grid, direction + 1, row + direction) for grid, count, row in tug for direction in range(min(count, 6))]
+    at = [(grid, direction + 1, row + direction) for grid, count, row in tug for direction in range(count)]
     motions = np.zeros((0, n))
     if written:
         named, numbered = ([] if labels is None else [(grid, direction) for grid, direction in labels.tolist()]
@@ -271,14 +266,12 @@ def _raw(deck: _Deck, file: Path, found: Mapping[str, TextMatrix], rows: list[tu
         if strange := set(named) - place.keys():
             warn(f"{file}: MUG1T has motions by grid {min(strange)[0]}, direction {min(strange)[1]}, which is no DOF of the "
                  "superelement: no motions of other grids are recovered. Is a number damaged?")
-            at = []
         elif turned is not None:
             motions = np.zeros((len(columns), n))
             motions[:, [place[row] for row in named]] = _dense(file, turned.matrix).T
     elif table is not None and tug and table.matrix.shape[1] != n:
         warn(f"{file}: motions of other grids are not recovered, since MUG1 has {table.matrix.shape[1]} columns, and "
              f"K{end.upper()} {n} rows")
-        at = []
     elif table is not None and not tug and sp.coo_array(table.matrix).nnz:  # Nastran writes one 0 where nothing is recovered
         warn(f"{file}: motions of other grids are not recovered, since no DTI TUG1 beside it lists the rows of MUG1")
     elif table is not None and tug:

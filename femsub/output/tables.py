@@ -79,8 +79,7 @@ class Column:
 
 #: columns of several tables
 KNOWN = {one.key: one for one in (
-    Column("model", "model", "s", "", "the full model, or the method of reduction", "model"),
-    Column("method", "model", "s", "", "the full model, or the method of reduction", "model"),
+    *(Column(key, "model", "s", "", "the full model, or the method of reduction", "model") for key in ("model", "method")),
     Column("modes", "modes", "d", "", "modes kept in the basis", "modes"),
     Column("size", "DOF", "d", "", "degrees of freedom of the model"),
     Column("mode", "mode", "d"),
@@ -100,8 +99,8 @@ KNOWN = {one.key: one for one in (
     Column("extra", "extra", "d", "", "eigenvalues of the small model that the full one lacks"),
     Column("mac", "MAC", ".3f", "", "least agreement of the shapes; 1: the same"),
     Column("memory", "MB", ".3g", "", "size of the model's matrices"),
-    Column("stable", "stable", "s", "", "the verdict in the band; undecided within the error bars: no value", "verdict"),
-    Column("is_stable", "stable", "s", "", "the verdict in the band; undecided within the error bars: no value", "verdict"),
+    *(Column(key, "stable", "s", "", "the verdict in the band; undecided within the error bars: no value", "verdict")
+      for key in ("stable", "is_stable")),
     Column("pareto", "front", "s", "", "no other model is both as fast and as accurate in Re λ"),
     Column("reduction_median_s", "reduce [s]", ".2g", "s", "time to reduce, median of the runs"),
     Column("solution_median_s", "solve [s]", ".2g", "s", "time to solve, median of the runs"),
@@ -111,8 +110,7 @@ KNOWN = {one.key: one for one in (
     Column("full_growth", "in full", ".6g", "1/time", "the growth rate of the full model",
            cell=lambda row: row["full_growth"] if np.isfinite(row["full_growth"]) else None),
     Column("omega", "ω", ".6g", RATE, "angular frequency"),
-    Column("hertz", "f [Hz]", ".6g", "Hz", "frequency"),
-    Column("frequency_hz", "f [Hz]", ".6g", "Hz", "frequency"),
+    *(Column(key, "f [Hz]", ".6g", "Hz", "frequency") for key in ("hertz", "frequency_hz")),
     Column("up_to", "up to ω", ".5g", RATE, "end of the comparison: the band's, or the model's cut-off"),
     Column("cutoff", "cut-off ω", ".5g", RATE, "above it the reduced model's modes are meaningless"),
     Column("slope", "slope dμ/dv", ".6g", "time/length", "critical slope, or the slope of the friction law",
@@ -125,8 +123,7 @@ KNOWN = {one.key: one for one in (
     Column("residual", "residual", ".0e", "", "relative residual"),
     Column("backward_error", "backward error", ".0e", "", "relative residual of the equation; 1e-16 is rounding"),
     Column("belt", "belt", "d", "", "number of the mass under the belt"),
-    Column("reason", "why not", "s", "", "why there is no value"),
-    Column("why", "why not", "s", "", "why there is no value"),
+    *(Column(key, "why not", "s", "", "why there is no value") for key in ("reason", "why")),
     Column("shape_error", "shape error", ".1e", "", "sine of the angle between the least stable shapes, in the norm of M"),
     Column("family", "from ω", ".4g", RATE, "frequency of the mode from which the cycle begins"),
     Column("rms", "rms of v", ".5g", "length/time", "rms of the speed under the belt"),

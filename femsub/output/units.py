@@ -40,12 +40,8 @@ class Units:
         if not isinstance(given, Mapping):
             return SYSTEMS.get(given, UNKNOWN) if isinstance(given, str) else UNKNOWN
         length, time, mass = (str(given.get(name, name)) for name in ("length", "time", "mass"))
-        return cls(length, time, mass, str(given.get("force") or cls.force_of(length, mass, time)))
-
-    @staticmethod
-    def force_of(length: str, mass: str, time: str) -> str:
-        """'N' if the unit of force is the newton, else a product such as 'g·mm/s²'."""
-        return "N" if (length, mass, time) in (("m", "kg", "s"), ("mm", "t", "s")) else f"{mass}·{length}/{time}²"
+        newton = (length, mass, time) in (("m", "kg", "s"), ("mm", "t", "s"))
+        return cls(length, time, mass, str(given.get("force") or ("N" if newton else f"{mass}·{length}/{time}²")))
 
     def frequency(self, omega: float) -> str:
         """'123.4 Hz', or '775.2 rad/time'."""

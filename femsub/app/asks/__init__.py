@@ -127,9 +127,6 @@ def parameter_of(scene: Scene, name: str) -> None:
     InputError
         Neither contacts nor factors of matrices have it, and no [parameter.NAME] says what it changes.
     """
-    given = scene.parameters.get(name)
-    if given is not None and given.acts:
-        return
     names = {one for contact in scene.contacts.values() for one in contact.parameters()}
     for part in scene.parts.values():
         names |= set(part.names)

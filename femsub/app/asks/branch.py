@@ -11,7 +11,7 @@ import femsub as fs
 from femsub.app.asks.cycles import CyclesAsk
 from femsub.app.kinds import key
 from femsub.app.result import Result, Table, column, label
-from femsub.checks import InputError, unknown_name
+from femsub.checks import InputError
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -44,8 +44,6 @@ class BranchAsk(CyclesAsk):
         super().check(scene)
         if len([one for one in scene.contacts.values() if type(one).KIND == "belt"]) != 1:
             raise InputError("branch follows cycles over a parameter of one belt, but the scene has several")
-        if self.branch not in fs.motion.PARAMETERS:
-            raise unknown_name("parameter of a belt", self.branch, fs.motion.PARAMETERS)
 
     def run(self, models: Models) -> Result:
         families, first = self.onsets(models)

@@ -84,7 +84,7 @@ class ComplexModesAsk(AskAt):
 
     def spectra(self, models: Models) -> list[tuple[Known, fs.ComplexModes]]:
         """The chosen models with their modes, the full model first if it is chosen."""
-        band = None if self.every else models.given_band if models.pencil else models.band_of(self.band)
+        band = None if self.every else models.band_of(self.band)
         found = []
         for one in models.chosen(self.complex_modes):
             large = self.every and one is models.exact and one.model.size > 300

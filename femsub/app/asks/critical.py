@@ -69,7 +69,7 @@ class CriticalAsk(Ask):
                     continue
             rows += rowed(values, self.first_of(own))
         data: dict[str, Any] = {"critical": rows or crossings}
-        band = models.given_band if models.pencil else models.band_of(self.band)
+        band = models.band_of(self.band)
         shown: list[Shown] = [f"Critical {self.said}{f', modes from {span(band)}' if band else ''}"]
         if rows:
             columns = [*names, "model", "modes", "size", column("value", f"critical {self.said}", ".6g", cell=never),
@@ -94,7 +94,7 @@ class CriticalAsk(Ask):
                        "evidence"]
             name = "critical-all" if rows else "critical"
             shown += [*([f"All losses and regains of stability, over {self.said}:"] if several or rows else []),
-                      Table(name, crossings, columns, "Losses and regains of stability"), *self.verdict(crossings, lost, band)]
+                      Table(name, crossings, columns, "Losses and regains of stability"), *self.verdict(crossings, lost)]
             data["critical-all"] = {"rows": crossings, "not_excluded": {name: [list(one) for one in found.open]
                                                                        for name, found in lost.items()}}
         models.scene.store["critical", self.critical] = {name: [*found.losses, *found.regains] for name, found in lost.items()}
@@ -135,10 +135,9 @@ class CriticalAsk(Ask):
         models.say(f"critical {self.critical}, all losses of {one.model.size} DOF")
         model, contacts = models.over(one, [self.critical])
         between = None if self.by_slope else range_of(models.scene, self.critical, self.between)
-        band = models.given_band if models.pencil and not self.band else models.band_of(self.band)
-        return fs.stability.all_losses(model, contacts, self.critical, between, band)
+        return fs.stability.all_losses(model, contacts, self.critical, between, models.band_of(self.band))
 
-    def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any], band: Any) -> list[Shown]:
+    def verdict(self, rows: list[dict[str, Any]], lost: Mapping[str, Any]) -> list[Shown]:
         """The verdict on all losses and regains, after lines on intervals in which further crossings are not excluded."""
         left = [f"{name}: further crossings are not excluded in "
                 f"{first_few([f'{start:.9g} to {end:.9g}' for start, end in found.open], 'intervals')}." for name, found

@@ -47,13 +47,12 @@ class FlutterAsk(Ask):
         kept = models.scene.store.get(("critical", self.flutter), {})
         symbol = "μ" if self.flutter == "mu" else self.flutter
         for values, own in self.variants(models):
-            for one in own.chosen("full" if models.pencil and self.models == "best" and not own.scene.reduce.methods
-                                  else self.models):
+            for one in own.chosen(self.models):
                 name = " ".join([*map(str, values.values()), *([] if models.pencil and values else [
                     label(one.kind) if one.kind != "full" else own.scene.name if models.pencil else "full"])])
                 models.say(f"modes over {self.flutter}, {name} with {one.model.size} DOF")
                 model, contacts = own.over(one, [self.flutter], (lo, hi))
-                band = own.given_band if models.pencil and not self.band else own.band_below(one, self.band)
+                band = own.band_below(one, self.band)
                 tracks[name] = fs.track(model, contacts, self.flutter, np.linspace(lo, hi, self.points), band=band)
                 if not tracks[name].eigenvalues.size:
                     raise InputError(f"{name} has no mode from {tracks[name].band[0]:g} to {tracks[name].band[1]:g} rad/time "

@@ -43,8 +43,8 @@ class MapAsk(Ask):
             raise InputError("third is one parameter with its values, but names several")
 
     def run(self, models: Models) -> Result:
-        known = models.exact if models.pencil and not models.scene.reduce.methods else models.chosen(self.models)[0]
-        band = models.given_band if models.pencil and not self.band else models.band_below(known, self.band)
+        known = models.chosen(self.models)[0]
+        band = models.band_below(known, self.band)
         ranges = {name: range_of(models.scene, name, []) for name in self.map}
         maps: dict[str, Any] = {}
         (third, values), = self.third.items() or {"": [0.0]}.items()

@@ -46,8 +46,8 @@ class ScatterAsk(Ask):
             else:
                 lo, hi = range_of(models.scene, name, [])
                 inputs[name] = stats.uniform(lo, hi - lo)
-        known = models.exact if models.pencil and not models.scene.reduce.methods else models.chosen(self.models)[0]
-        band = models.given_band if models.pencil and not self.band else models.band_below(known, self.band)
+        known = models.chosen(self.models)[0]
+        band = models.band_below(known, self.band)
         model, contacts = models.over(known, self.scatter)
         found = fs.scatter(model, inputs, contacts=contacts, band=band, samples=self.samples, seed=self.seed, progress=models.say)
         (lo, hi) = found.interval

@@ -33,7 +33,7 @@ class SensitivitiesAsk(AskAt):
 
     def run(self, models: Models) -> Result:
         known = models.chosen(self.models)[0]
-        modes = models.spectrum(known, self.at, models.given_band if models.pencil else models.band_below(known, self.band))
+        modes = models.spectrum(known, self.at, models.band_below(known, self.band))
         of = modes.drawn_first()
         parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters
                       and models.scene.parameters[name].acts
