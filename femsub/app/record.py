@@ -13,9 +13,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from femsub.algebra import machine
 from femsub.app.grammar import Scene
-from femsub.app.report import versions, write
+from femsub.app.report import run_on, write
 from femsub.app.result import Progress, Result
 from femsub.checks import FemsubWarning, InputError, first_few, hash_of, installed_by, is_there, resolved, warn
 from femsub.io import RESULTS, Writer, remove, results_of, texts_read
@@ -74,8 +73,8 @@ class Record:
     def write(self, result: Result, warned: Sequence[str] = ()) -> list[Path]:
         """Writes the results. Removes files that only the last run of this scene wrote, and warns of other result files."""
         data: dict[str, Any] = {
-            "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"),
-            "versions": versions(), "machine": machine(), "inputs": self.inputs, "files": self.files}
+            "scene": self.scene.name, "date": datetime.now(UTC).isoformat(timespec="seconds"), **run_on(),
+            "inputs": self.inputs, "files": self.files}
         if warned:
             data["warnings"] = list(warned)
         result = replace(result, data=data | result.record(self.scene.units))

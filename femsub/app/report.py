@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import femsub
-from femsub.algebra import commit
+from femsub.algebra import commit, machine
 from femsub.app.result import Result
 from femsub.checks import InputError, is_there, printable
 from femsub.io import Writer, held, with_index, write_or_refuse
@@ -64,6 +64,11 @@ def put(folder: Path, writers: Mapping[str, Writer]) -> list[Path]:
         The folder cannot be written.
     """
     return write_or_refuse(f"the output folder {folder}", folder, writers)
+
+
+def run_on() -> dict[str, Any]:
+    """The versions of packages and the machine of a run."""
+    return {"versions": versions(), "machine": machine()}
 
 
 def versions() -> dict[str, Any]:

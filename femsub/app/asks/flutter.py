@@ -12,7 +12,6 @@ from femsub.app.asks import WHICH, Ask, check_factors, parameter_of, range_of
 from femsub.app.kinds import key
 from femsub.app.result import Remark, Result, Table, label
 from femsub.checks import InputError
-from femsub.output import damping_percent
 
 if TYPE_CHECKING:
     from femsub.app.grammar import Scene
@@ -71,7 +70,7 @@ class FlutterAsk(Ask):
         branches, meetings = ([{"model": name, **row} for name, table in tables if table.name == kind for row in table.rows]
                               for kind in ("flutter", "flutter-meetings"))
         branches += [{"model": "full", self.flutter: float(value), "growth": float(one.real), "omega": float(one.imag),
-                      "damping": float(damping_percent(one))} for solved in points.values() for value, several in solved
+                      "damping": float(fs.output.damping_percent(one))} for solved in points.values() for value, several in solved
                      for one in several]
         columns = ["model", *next((table.columns for _, table in tables if table.name == "flutter-meetings"), ())]
         losses = ", ".join(f"of {name} at {symbol} = {min(one.value for one in several):.6g}"

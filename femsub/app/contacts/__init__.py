@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import femsub as fs
 from femsub.app.ends import LinkKind
+
+if TYPE_CHECKING:
+    from femsub import Mesh
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,6 @@ class ContactKind(LinkKind):
     def check_nonlinear(self) -> None:
         """Refuses a contact that has no nonlinear law, for analyses of nonlinear motion."""
 
-    def made(self, port: Callable[[str], str], meshes: Mapping[str, fs.Mesh], surfaces: list[str]) -> Any:
+    def made(self, port: Callable[[str], str], meshes: Mapping[str, Mesh], surfaces: list[str]) -> Any:
         """The contact object. `port` gives the name of a place in the model; `surfaces` are names of the model's surfaces."""
         raise NotImplementedError

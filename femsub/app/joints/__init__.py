@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
-import femsub as fs
 from femsub.app.ends import LinkKind
 from femsub.app.kinds import key
+
+if TYPE_CHECKING:
+    from femsub import Mesh
 
 ENDS = "'part.set', 'part' (all of its interface), 'part:0,4' (DOF), or 'ground'"
 
@@ -32,6 +34,6 @@ class JointKind(LinkKind):
         """The tolerance, if one is given."""
         return self.tolerance or None
 
-    def made(self, ends: Sequence[Any], meshes: Mapping[str, fs.Mesh]) -> list[Any]:
+    def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
         """The joints between the ends, as `couple` takes them."""
         raise NotImplementedError
