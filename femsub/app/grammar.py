@@ -23,7 +23,7 @@ from functools import cached_property
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
-from types import ModuleType, NoneType
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from femsub.app.asks import Ask
@@ -229,7 +229,7 @@ class Scene:
     def _read(self, faults: Faults, known_as: str) -> None:
         """Converts all tables into objects of their classes. A table that cannot be converted is a fault, and is left out."""
         table = self.table
-        families = {"material": MaterialKeys, "parameter": ParameterKeys}
+        families: dict[str, type[Any]] = {"material": MaterialKeys, "parameter": ParameterKeys}
         above = {name: value for name, value in table.items() if name not in (*FAMILIES, *families, "reduce")}
         for name in (one for one in above if one not in keys_of(Settings)):
             faults.add((name,), unknown_name("table" if isinstance(above[name], Mapping) else "key", name,
@@ -247,14 +247,10 @@ class Scene:
         for family in (*families, *FAMILIES):
             found[family] = {}
             for name, place, one in self._tables(family, faults):
-                if family in families:
-                    kind: Any = families[family]
-                else:
-                    kind = None
-                    with faults.at(place):
-                        kind = self.kinds.of(family, one)
-                if kind is not None and (item := read_table(kind, one, place, faults, hertz)) is not None:
-                    found[family][name] = item
+                with faults.at(place):
+                    kind = families.get(family) or self.kinds.of(family, one)
+                    if (item := read_table(kind, one, place, faults, hertz)) is not None:
+                        found[family][name] = item
         self.materials: dict[str, MaterialKeys] = found["material"]
         for name, solid in self.materials.items() if self.units.system and not self.variant else ():
             metre, kilogram = IN_SI[self.units.system]
@@ -273,11 +269,11 @@ class Scene:
                     raise InputError(f"{ask.name!r} is the name of another entry of results.json")
             with faults.at((*self.place("ask", name), "note")):
                 word("it", ask.note)
-        given = table.get("reduce")
-        if not isinstance(given, (Mapping, NoneType)):
+        self.reduce = ReduceKeys([])
+        if isinstance(given := table.get("reduce"), Mapping):
+            self.reduce = read_table(ReduceKeys, given, ("reduce",), faults, hertz) or self.reduce
+        elif given is not None:
             faults.add(("reduce",), "it must be a table, [reduce]")
-        self.reduce: ReduceKeys = (isinstance(given, Mapping) and read_table(ReduceKeys, given, ("reduce",), faults,
-                                                                       hertz)) or ReduceKeys([])
         for name in self.reduce.parts_named():
             if name not in (every := table.get("part", {})):  # parts with faults, which are not in self.parts, included
                 faults.add(("reduce", "methods"), unknown_name("part", name, every))

@@ -25,7 +25,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     if known is None or not known["inputs"]:
         raise InputError(f"{path} does not hold the inputs of a run; name a scene, a scene file, or the results.json of a run "
                          "with --out")
-    keys = _table(known["inputs"])
+    keys = known["inputs"]
     for own in keys.get("use", []):
         if not any(item["path"] == own for item in known["files"]):
             raise InputError(f"{path} names the Python file {own}, but not its SHA-256; it is not run")
@@ -33,7 +33,7 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
         place = path.parent / item["path"]
         if not place.is_file():
             place = path.parent / place.name
-            keys = _table(keys, item["path"], place.name)
+            keys = _renamed(keys, item["path"], place.name)
         if not place.is_file():
             raise InputError(f"{path} needs the file {item['path']}, which is neither there nor beside it")
         now = hash_of(place)
@@ -45,11 +45,10 @@ def inputs_of(path: Path) -> tuple[dict[str, Any], Path]:
     return keys, path.parent
 
 
-def _table(value: Any, file: str = "", name: str = "") -> Any:
+def _renamed(value: Any, file: str, name: str) -> Any:
     """A copy of a table in which values that name `file` name `name` instead, also as in 'model.mat:K', a matrix in a file."""
     if isinstance(value, list):
-        return [_table(item, file, name) for item in value]
+        return [_renamed(item, file, name) for item in value]
     if isinstance(value, dict):
-        return {key: _table(item, file, name) for key, item in value.items()}
-    named = name and isinstance(value, str) and (value == file or value.startswith(f"{file}:"))
-    return name + value[len(file):] if named else value
+        return {key: _renamed(item, file, name) for key, item in value.items()}
+    return name + value[len(file):] if isinstance(value, str) and f"{value}:".startswith(f"{file}:") else value

@@ -73,8 +73,7 @@ class Kinds:
         """The class of the kind with this name."""
         if (found := self.own.get((family, name))) is not None:
             return found
-        module = import_module(_packaged()[family][name])
-        return next(one for one in defined_in(module) if name == one.KIND)
+        return next(one for one in defined_in(import_module(_packaged()[family][name])) if name == one.KIND)
 
     def of(self, family: str, table: Mapping[str, Any]) -> type[Any]:
         """The class of the kind that a table names.

@@ -356,8 +356,7 @@ class Models:
             return self.exact
         steps = self.reductions()
         whole = [one for one in steps if len(one[2]) == 1 and one[0] == "contact-modes"]
-        last = whole or [one for one in steps if one[0] == steps[-1][0]]
-        found = [self.reduced_model(*one) for one in last]
+        found = [self.reduced_model(*one) for one in whole or [one for one in steps if one[0] == steps[-1][0]]]
         return max(reversed(found), key=lambda one: one.model.size)
 
     # modes and families

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from femsub.app.asks import Ask
 from femsub.app.models import Models
-from femsub.app.result import Chart, Progress, Result, Shown, Table
+from femsub.app.result import Chart, Picture, Progress, Result, Shown, Table
 from femsub.checks import FemsubError, Interruptible
 
 if TYPE_CHECKING:
@@ -102,9 +102,7 @@ def renamed(found: Result, name: str, ask: Ask) -> Result:
     def named(old: str) -> str:
         return name + old[len(ask.KIND):] if old.startswith(ask.KIND) and name != ask.KIND else old
 
-    shown = [replace(one, name=named(one.name)) if isinstance(one, (Table, Chart)) and one.name else
-             one._replace(name=named(one.name)) if hasattr(one, "_replace") and hasattr(one, "draw") else one for one
-             in found.shown]
+    shown = [replace(one, name=named(one.name)) if isinstance(one, (Table, Chart, Picture)) else one for one in found.shown]
     data = {named(key): value for key, value in found.data.items()}
     files = {named(key): value for key, value in found.files.items()}
     notes = {named(one.name): ask.note for one in found.shown if ask.note and hasattr(one, "name")}

@@ -21,6 +21,7 @@ from .declared import (
     key as key,
     keys_of as keys_of,
     read_table as read_table,
+    spelt as spelt,
     type_words as type_words,
 )
 from .described import (
@@ -28,7 +29,6 @@ from .described import (
     docstring_lines as docstring_lines,
     first_line as first_line,
     listed_keys as listed_keys,
-    spelt as spelt,
     table_schema as table_schema,
 )
 from .faults import Faults as Faults, Place as Place

@@ -107,9 +107,9 @@ class _Records:
         words, length = self.words, int(self.words[at]) if 0 <= at < len(self.words) else -1
         stop = at + 2 + length
         flags = int(words[at + 1]) - INTEGERS if stop < len(words) and length >= 0 else -1
-        if flags not in (0, WINDOWS, BITS) or words[stop] != length:
-            raise self.damaged(f"there is no record of {what} at the word {at}")
-        content = words[at + 2:stop] if not flags else _spread(words[at + 2:stop], flags)
+        content = None
+        if flags in (0, WINDOWS, BITS) and words[stop] == length:
+            content = _spread(words[at + 2:stop], flags) if flags else words[at + 2:stop]
         if content is None or count not in (None, len(content)):
             raise self.damaged(f"there is no record of {what} at the word {at}")
         return content, stop + 1
@@ -299,13 +299,10 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
 
 def _axes(angles: Array) -> Array:
     """Axes of nodes as columns, shape (n, 3, 3), turned about z, then their own x, then their own y, by angles in degrees."""
-    turned = np.tile(np.eye(3), (len(angles), 1, 1))
-    for angle, (one, other) in zip(np.deg2rad(angles.T), ((0, 1), (1, 2), (2, 0)), strict=True):
-        step = np.tile(np.eye(3), (len(angles), 1, 1))
-        step[:, one, one] = step[:, other, other] = np.cos(angle)
-        step[:, other, one], step[:, one, other] = np.sin(angle), -np.sin(angle)
-        turned = turned @ step
-    return turned
+    from scipy.spatial.transform import Rotation
+
+    axes: Array = Rotation.from_euler("ZXY", angles, degrees=True).as_matrix()
+    return axes
 
 
 def _check_header(path: Path, ending: str) -> None:

@@ -77,10 +77,10 @@ class Cursor:
         return data
 
 
-def head_of(path: Path, size: int = 1 << 20) -> bytes:
+def head_of(path: Path) -> bytes:
     """The beginning of a file, by which its format is known: a MB, since comments may stand before the first keyword."""
     with path.open("rb") as file:
-        return file.read(size)
+        return file.read(1 << 20)
 
 
 def check_room(path: Path, size: int) -> None:

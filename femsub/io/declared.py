@@ -137,6 +137,12 @@ def keys_of(kind: type) -> dict[str, Key]:
     return dict(sorted(found.items(), key=lambda pair: (pair[0] != own, not pair[1].required, pair[0] in general)))
 
 
+def spelt(kind: Any, field: str) -> str:
+    """The key of a field. The key that names the kind is written with hyphens."""
+    own = getattr(kind, "KIND", "")
+    return own if own.replace("-", "_") == field else field
+
+
 _types = cache(get_type_hints)  # each call of get_type_hints evaluates all annotations of a class and of its bases
 
 
@@ -172,22 +178,18 @@ def read_table(kind: Any, table: Mapping[str, Any], place: Place, faults: Faults
 
     `hertz`: whether "5 kHz" may stand for a frequency, since the unit of time is the second. The class's own checks come last.
     """
-    before, values, declared = len(faults.found), dict[str, Any](), keys_of(kind)
-    spelling = {kind.KIND: kind.KIND.replace("-", "_")} if getattr(kind, "KIND", "") else {}
+    before, values, fields = len(faults.found), dict[str, Any](), {spelt(kind, field): field for field in keys_of(kind)}
     for name, value in table.items():
-        field = spelling.get(name, name)
-        if why := getattr(kind, "WITHOUT", {}).get(name):
-            faults.add((*place, name), f"there is no such key here: {why}")
-            continue
-        if field not in declared or (field != name and name not in spelling):
-            valid = [key for key in declared if key not in spelling.values()]
-            faults.add((*place, name), str(unknown_name("key", name, [*valid, *spelling])))
-            continue
         with faults.at((*place, name)):
-            values[field] = _value(declared[field], value, kind, (*place, name), faults, hertz)
-    for name, one in declared.items():
+            if why := getattr(kind, "WITHOUT", {}).get(name):
+                raise InputError(f"there is no such key here: {why}")
+            if name not in fields:
+                raise unknown_name("key", name, fields)
+            values[fields[name]] = _value(keys_of(kind)[fields[name]], value, kind, (*place, name), faults, hertz)
+    for name, field in fields.items():
+        one = keys_of(kind)[field]
         missing = one.required or (one.required_with and table.get(one.required_with) not in (None, "", []))
-        if missing and table.get(next((key for key, field in spelling.items() if field == name), name)) in (None, "", []):
+        if missing and table.get(name) in (None, "", []):
             faults.add(place, f"the key {name!r} is missing: {one.meaning}")
     if len(faults.found) > before:
         return None

@@ -8,7 +8,7 @@ import textwrap
 from collections.abc import Iterator
 from typing import Any, get_args, get_origin
 
-from femsub.io.declared import HERTZ, Key, alternatives, item_type, keys_of, type_words
+from femsub.io.declared import HERTZ, Key, alternatives, item_type, keys_of, spelt, type_words
 from femsub.io.toml_files import toml
 
 SIMPLE = {bool: "boolean", int: "integer", float: "number", str: "string"}
@@ -28,12 +28,6 @@ def listed_keys(kind: Any, indent: str) -> Iterator[str]:
         yield from (f"{indent}{name:<{wide}}  {first[len(margin):]}", *more, *_paragraph(one.meaning, margin))
         for table in one.tables:
             yield from listed_keys(table, margin)
-
-
-def spelt(kind: Any, field: str) -> str:
-    """The key of a field. The key that names the kind is written with hyphens."""
-    own = getattr(kind, "KIND", "")
-    return own if own.replace("-", "_") == field else field
 
 
 def _about(one: Key, owner: Any) -> str:

@@ -21,8 +21,6 @@ from femsub.checks import Array, InputError
 from femsub.io.damage import MOST
 from femsub.io.mesh_text import Deck, as_numbers, as_table, fields, meshed, once, rows_of, whole_numbers, without_copies
 
-#: keywords whose data define the mesh
-_MESH = ("NODE", "ELEMENT", "NSET", "ELSET", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 #: keywords that change a mesh in ways that are not read
 _CHANGING = ("IMPERFECTION", "IMPORT", "IMPORT ELSET", "IMPORT NSET", "SYMMETRIC MODEL GENERATION", "REFINE MESH", "PARAMETER")
 _ITEM = re.compile(r'(?:[^,"]|"[^"]*"?)+')
@@ -369,12 +367,10 @@ def _elements(found: Contents, keyword: str, options: Mapping[str, str], data: s
                          f"and {width - 1} nodes); is the file cut short?")
     if not len(values):
         return
-    begins = np.zeros(len(values), dtype=bool)
-    begins[np.cumsum(counts)[:-1]] = begins[0] = True
+    if len(within := np.setdiff1d(np.arange(width, len(values), width), np.cumsum(counts))):
+        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {values[within[0]]} begins within a line; a line has "
+                         f"{width} numbers")
     table = values.reshape(-1, width)
-    if not begins[::width].all():
-        number = table[begins[::width].argmin(), 0]
-        raise InputError(f"{path}: *ELEMENT, TYPE={kind_here}: element {number} begins within a line; a line has {width} numbers")
     found.elements.append((kind, whole_numbers(f"{path}: the numbers of elements", table[:, 0]), table[:, 1:]))
     yield table[:, 0]
 
@@ -581,3 +577,4 @@ _MAKERS: dict[str, tuple[Callable[[Contents, str, Mapping[str, str], str], Itera
     "NCOPY": (_copied_nodes, "NEW SET", ("CHANGE NUMBER", "OLD SET", "NEW SET", "SHIFT", "REFLECT")),
     "NMAP": (_mapped_nodes, "NSET", ("NSET", "TYPE")), "ELGEN": (_rows_of_elements, "ELSET", ("ELSET",)),
     "ELCOPY": (_copied_elements, "NEW SET", ("ELEMENT SHIFT", "OLD SET", "NEW SET", "SHIFT NODES", "REFLECT"))}
+_MESH = (*_MAKERS, "SYSTEM")  # keywords whose data define the mesh

@@ -19,7 +19,7 @@ from femsub.io.damage import THROWN, check_extent, check_indices, check_room, he
 from femsub.io.dmig import read_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
-from femsub.io.op2 import op2_matrices
+from femsub.io.op2 import read_op2
 from femsub.io.op4 import read_op4
 from femsub.io.sierra import labelled_mfile
 
@@ -248,5 +248,5 @@ def _array_kinds(path: Path, content: Path | BinaryIO, most: float = math.inf) -
 
 #: by ending: readers of one matrix, or of several by name, with node and direction of the rows where the file has them
 READERS: dict[str, Callable[[Path], Any]] = {
-    ".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4, ".op2": op2_matrices, ".m": labelled_mfile,
-    ".full": read_full}
+    ".npz": _npz, ".npy": _npy, ".mat": read_matlab, ".op4": read_op4, ".m": labelled_mfile, ".full": read_full,
+    ".op2": lambda path: read_op2(path)[0]}  # its matrices without the cards

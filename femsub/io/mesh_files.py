@@ -249,8 +249,7 @@ def mesh_bytes(mesh: Mesh, shapes: Mapping[str, Any] | None = None, suffix: str 
                              "write .vtu")
     # points, and the data of points and cells
     spelt = partial(escape, entities={'"': "&quot;"}) if form == "vtu" else str  # meshio writes names into XML as they are
-    points = np.zeros((len(mesh.points), 3))
-    points[:, :mesh.points.shape[1]] = mesh.points
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1])))
     data, n = dict[str, Array](), len(points)
     for key, values in shapes.items():
         if key.startswith((_SET, _GROUP)) or key == _NUMBER:

@@ -54,8 +54,7 @@ def moving(mesh: Mesh, u: Array, facts: Mapping[str, Any], most: int = 12_000) -
     else:
         corners = corner_nodes(mesh, *boundary_faces(mesh)) if mesh.dimension == 3 else cells
         cells = corners if corners.shape[1] == 3 else corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-    points = np.zeros((len(mesh.points), 3))
-    points[:, :mesh.points.shape[1]] = mesh.points
+    points = np.pad(mesh.points, ((0, 0), (0, 3 - mesh.points.shape[1])))
     used, inverse = np.unique(cells, return_inverse=True)
     points, u, cells = points[used], u[used], inverse.reshape(cells.shape)
     # a larger surface gets one point for each box of a grid, and keeps the cells that join boxes: Rossignac and Borrel (1993)

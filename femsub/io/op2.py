@@ -67,11 +67,6 @@ def read_op2(path: Path) -> tuple[dict[str, TextMatrix], list[Card]]:
     return found, cards
 
 
-def op2_matrices(path: Path) -> dict[str, TextMatrix]:
-    """The matrices of `read_op2` alone."""
-    return read_op2(path)[0]
-
-
 class _Blocks:
     """The data blocks of a file. Each record stands between two copies of its length; a key is a record of one whole number."""
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from html import escape
-from typing import Any, BinaryIO, NamedTuple, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from femsub.output.charts import Chart
 from femsub.output.displayed import picture
@@ -19,7 +19,8 @@ from femsub.output.verdicts import Advice, Remark, answer, sentence
 Writer: TypeAlias = Callable[[BinaryIO], object]
 
 
-class Picture(NamedTuple):
+@dataclass(frozen=True)
+class Picture:
     """A figure: the name of its file, without ending, and a function that draws it as a new matplotlib figure."""
 
     name: str
