@@ -321,9 +321,12 @@ class Models:
             kept = getattr(model, "modes", count) if key in fs.reduction.METHODS else count
             return Known(key, kept, model, before, steps)
 
-        place = "reduced", self._key, repr(steps), self.scene.reduce.ports, repr(self.linear) if any(
-            isinstance(one, fs.ContactModes) for one in steps) else ""
-        return self.kept(place, reduce)
+        return self.kept(self.place_of(steps), reduce)
+
+    def place_of(self, steps: Sequence[Any]) -> tuple[Any, ...]:
+        """The key of a reduced model in the store."""
+        contacts = repr(self.linear) if any(isinstance(one, fs.ContactModes) for one in steps) else ""
+        return "reduced", self._key, repr(steps), self.scene.reduce.ports, contacts
 
     @cached_property
     def reduced(self) -> list[Known]:

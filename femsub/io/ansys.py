@@ -220,8 +220,8 @@ def _long(low: Any, high: Any) -> int:
     return int(low) % 2**32 + (int(high) << 32)
 
 
-def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[Array, Array, Array, Array, Array, list[str]]:
-    """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row, and notes.
+def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[Array, Array, Array, Array, Array]:
+    """λ (k,) and shapes (m, k) of a .rst file, node, direction (0 to 5) and place of each row.
 
     PyAnsys' reader runs in a process of its own, since a damaged file may crash it, keep it busy for ever or ask for all memory.
     The process is ended after `seconds`. Its address space is limited to `gigabytes`, more than any file of modes needed so far.
@@ -294,7 +294,7 @@ def read_rst(path: Path, seconds: float = 600.0, gigabytes: int = 16) -> tuple[A
     for start in (0, 3):
         motions[:, start:start + 3] = axes @ motions[:, start:start + 3]
     return (2j * np.pi * at, motions.reshape(-1, len(at)), np.repeat(numbers[rows], 6), np.tile(np.arange(6), len(rows)),
-            np.repeat(nodes[rows, :3], 6, axis=0), [])
+            np.repeat(nodes[rows, :3], 6, axis=0))
 
 
 def _axes(angles: Array) -> Array:

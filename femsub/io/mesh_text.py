@@ -173,13 +173,11 @@ def as_numbers(what: str, data: str, kind: type = np.int64, commas: bool = False
 def fields(what: str, data: str, kind: type = np.int64) -> tuple[Array, Array]:
     """The numbers of comma-separated lines, blank fields as 0, and their count on each line that is not empty.
 
-    A comma at the end of a line is followed by a blank field.
+    Each line has its end. A comma at the end of a line is followed by a blank field.
     """
     data = re.sub(r"\n[ \t]*(?=\n)", "", f"\n{data}\n")[1:] if re.search(r"^[ \t]*\n", data, re.MULTILINE) else data
     if not data.strip():
         return np.zeros(0, dtype=kind), np.zeros(0, dtype=np.intp)
-    if not data.endswith("\n"):
-        data += "\n"
     if re.search(r"^[ \t]*,|,[ \t]*[,\n]", data, re.MULTILINE):
         data = re.sub(r"(^|,)(?=[ \t]*[,\n])", r"\g<1>0", data, flags=re.MULTILINE)
     raw = np.frombuffer(data.encode("utf-8"), dtype=np.uint8)

@@ -84,14 +84,12 @@ class Ask(Kind):
 
     def variants(self, models: Models) -> Iterator[tuple[dict[str, Any], Models]]:
         """(values for tables, models) for each combination of the values in `vary`."""
-        paths = list(self.vary)
-        for values in product(*self.vary.values()):
-            if not paths:
-                yield {}, models
-                continue
-            scene = models.scene.varied(dict(zip(paths, values, strict=True)))
-            known = {path.rpartition(".")[2]: shown(value) for path, value in zip(paths, values, strict=True)}
-            yield {name: known[name] for name in self.varying}, models.of(scene)
+        if not self.vary:
+            yield {}, models
+        for values in product(*self.vary.values()) if self.vary else ():
+            changes = dict(zip(self.vary, values, strict=True))
+            several = {path.rpartition(".")[2]: shown(value) for path, value in changes.items() if len(self.vary[path]) > 1}
+            yield several, models.of(models.scene.varied(changes))
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ class CompareAsk(Ask):
     def study(self, models: Models) -> fs.Study:
         """The comparison of a full model with its reduced models. The store keeps models and spectra for other asks."""
         keys, (lo, hi) = models.scene.reduce, models.band_of(self.band)
-        made, steps = models.reductions(), [list(one[2]) for one in models.reductions()]
+        made = models.reductions()
         over: dict[str, Any] = {"parameter": self.parameter, "between": range_of(models.scene, self.parameter,
                                                                                  self.between)} if self.over else {}
         if not over and (self.parameter or "critical" not in self.compare):
@@ -95,20 +95,17 @@ class CompareAsk(Ask):
         known = models.scene.store.get(("first", "slope", models._key)) if not over else None
         kinds = [("full", 0), *((key, count) for key, count, _ in made)]
         critical = [known[one] for one in kinds] if known and all(one in known for one in kinds) else None
-        contacts = models.linear
-        found = fs.study(models.full, [tuple(one) for one in steps], (lo, hi), contacts=contacts, ports=keys.ports,
+        found = fs.study(models.full, [steps for _, _, steps in made], (lo, hi), contacts=models.linear, ports=keys.ports,
                          repeats=keys.repeats, held="held" in self.compare and not over, at=at, assembly=models.assembly,
                          critical=critical, values=self.values, progress=models.say, **over)
         for own, model in zip(found.steps, found.models, strict=True):
-            key, count, _ = next(one for one in made if tuple(one[2]) == tuple(own))
+            key, count, _ = next(one for one in made if one[2] == own)
             if len(own) == 1:  # for several steps the study does not return the models between them
-                place = "reduced", models._key, repr(tuple(own)), keys.ports, repr(contacts) if isinstance(
-                    own[0], fs.ContactModes) else ""
-                models.scene.store.setdefault(place, Known(key, count, model, [models.full], tuple(own)))
+                models.scene.store.setdefault(models.place_of(own), Known(key, count, model, [models.full], own))
         values = [{self.parameter: value} for value in found.values] or [{}]
         for given, spectrum in zip(values, found.spectra, strict=True):
-            place_of = "modes", id(models.full), tuple(given.items()), (lo, hi), repr(contacts)
-            models.scene.store.setdefault(place_of if spectrum.evidence != NOT_CHECKED else ("uncounted", *place_of), spectrum)
+            place = "modes", id(models.full), tuple(given.items()), (lo, hi), repr(models.linear)
+            models.scene.store.setdefault(place if spectrum.evidence != NOT_CHECKED else ("uncounted", *place), spectrum)
         return found
 
     def charts(self, models: Models, made: list[tuple[str, fs.Study]]) -> list[Any]:

@@ -114,20 +114,19 @@ class CriticalAsk(Ask):
         chosen = models.chosen(self.models)
         # over a range the full model is last: its search begins near the loss of the last reduced one
         ordered = sorted(chosen, key=lambda one: one is models.exact) if between else chosen
-        found: dict[int, Any] = {}
+        found: dict[Known, Any] = {}
         near = float("nan")
         for one in ordered:
             models.say(f"critical {self.critical} of {one.kind} with {one.model.size} DOF")
             model, contacts = models.over(one, [self.critical])
-            found[id(one)] = fs.stability.first_loss(model, contacts, self.critical, between, band, near)
-            near = found[id(one)].value
-        exact = found[id(models.exact)].value if id(models.exact) in found else float("nan")
+            found[one] = fs.stability.first_loss(model, contacts, self.critical, between, band, near)
+            near = found[one].value
+        exact = found[models.exact].value if models.exact in found else float("nan")
         for one in chosen:
-            loss = found[id(one)]
-            error = max((one.model.port_error.get(name, 0.0) for name in models.places), default=0.0) if isinstance(
-                one.model, fs.ReducedSubstructure) else 0.0
+            loss, errors = found[one], getattr(one.model, "port_error", {})
             rows.append({**one.head, "value": loss.value, "omega": loss.omega, "full": exact,
-                         "error": fs.modes.relative_error(loss.value, exact), "port_error": error, "reason": loss.reason})
+                         "error": fs.modes.relative_error(loss.value, exact), "port_error": max(
+                             (errors.get(name, 0.0) for name in models.places), default=0.0), "reason": loss.reason})
         return rows
 
     def all_of(self, models: Models, one: Known) -> Any:
