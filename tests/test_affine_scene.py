@@ -304,6 +304,20 @@ def test_a_value_that_the_ask_gives_needs_no_other() -> None:
         Scene({"scene": "affine", "ask": [{"complex-modes": "full"}]}).run(print)
 
 
+def test_the_band_of_an_ask_holds_for_a_pencil_too() -> None:
+    """It was ignored there; and the sensitivities needed a value of [parameter.speed] beside that of the ask."""
+    def omega(kind: str, asked: Any, **more: Any) -> list[float]:
+        data = Scene({"scene": "affine", "ask": [{kind: asked, "at": {"speed": 0.1}, **more}]}).run(print).data[kind]
+        rows = data if isinstance(data, list) else [{"omega": one.imag} for one in data["models"][0]["eigenvalues"]]
+        return sorted(float(row["omega"]) for row in rows if row["omega"] > 0)
+
+    low, high = omega("complex-modes", "full")
+    assert omega("complex-modes", "full", band=[0.0, (low + high) / 2]) == pytest.approx([low], rel=1e-9)
+    assert omega("sensitivities", ["speed"]) == pytest.approx([high], rel=1e-9)  # the mode that grows
+    assert omega("sensitivities", ["speed"], band=[low / 2, (low + high) / 2]) == pytest.approx([low], rel=1e-9)
+
+
+
 @pytest.mark.parametrize(("lines", "words"), [
     ("[reduce]\nmethods = ['craig-bampton']", "its only method is methods = ['box']"),
     ("[reduce]\nmodes = [1]", "its only method is methods = ['box']"), ("[reduce]\nmethods = ['box']", "give band, e.g. band")])

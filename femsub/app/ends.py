@@ -33,11 +33,12 @@ class LinkKind(Kind):
     """A joint or a contact: it acts between ends, of which the first two may be surfaces."""
 
     facing: bool = False  #: whether only those faces of the second surface take part that lie opposite the first
+    tolerance: float = 0.0  #: the largest distance of nodes or faces that meet; 0: none is given
 
     @property
     def tol(self) -> float | None:
-        """The largest distance of nodes or faces that meet, if one is given."""
-        return None
+        """The tolerance, if one is given."""
+        return self.tolerance or None
 
     @property
     def surfaces(self) -> list[str]:

@@ -13,6 +13,7 @@ from .component_files import (
     read_aligned as read_aligned,
     refuse_exchanged as refuse_exchanged,
 )
+from .damage import existing as existing
 from .declared import (
     Key as Key,
     alternatives as alternatives,

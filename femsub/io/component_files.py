@@ -18,6 +18,7 @@ from femsub.checks import (
     Matrix,
     empty_dofs_text,
     mapping,
+    naming,
     path_of,
     positive_number,
     truth,
@@ -289,10 +290,8 @@ def dof_numbers(what: str, references: Any, size: int, dofs: DofMap | None) -> l
             raise InputError(f"{what}: {reference!r} names a node, but there is no DOF map. Give dofs, or the number of the DOF")
         if motion.isdecimal():
             motion = DIRECTIONS[int(motion) - 1] if 1 <= int(motion) <= len(DIRECTIONS) else f"dof{motion}"
-        try:
+        with naming(what):
             found += dofs.find(int(node), None if motion == "*" else motion).tolist()
-        except InputError as error:
-            raise InputError(f"{what}: {error}") from None
     return found
 
 

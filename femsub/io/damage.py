@@ -77,6 +77,13 @@ class Cursor:
         return data
 
 
+def existing(path: Path) -> Path:
+    """The path of a file that is there."""
+    if not path.is_file():
+        raise InputError(f"there is no file {path}")
+    return path
+
+
 def head_of(path: Path) -> bytes:
     """The beginning of a file, by which its format is known: a MB, since comments may stand before the first keyword."""
     with path.open("rb") as file:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from femsub.checks import Array, FemsubError, InputError, Matrix, parsing, path_of, shown, word
 from femsub.io.abaqus_calculix import TextMatrix, read_text_matrix
 from femsub.io.ansys import read_full
-from femsub.io.damage import THROWN, check_extent, check_indices, check_room, head_of, unreadable_refused
+from femsub.io.damage import THROWN, check_extent, check_indices, check_room, existing, head_of, unreadable_refused
 from femsub.io.dmig import read_dmig
 from femsub.io.matlab import read_matlab
 from femsub.io.matrix_market import read_market
@@ -102,9 +102,7 @@ def read_together(path: Path, names: Iterable[str | None]) -> list[Matrix]:
 
 def _content(path: Path) -> dict[str, TextMatrix]:
     """All matrices of a file by name, '' where the format has none."""
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
-    ending = path.suffix.lower()
+    ending = existing(path).suffix.lower()
     reader = READERS.get(ending)
     if reader is None:
         head = head_of(path)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from femsub.checks import Array, InputError, choice, path_of, warn
-from femsub.io.damage import unreadable_refused
+from femsub.io.damage import existing, unreadable_refused
 from femsub.io.mesh_text import as_numbers, whole
 from femsub.io.universal import NUMBERS, OF_MESHES, DataSet, Sets, apart, data_sets, nodes_of, origin_of
 from femsub.modes import FrequencyResponse, ModeSet
@@ -80,11 +80,9 @@ def read_response(path: str | Path, *, level: float | None = None, quantity: str
     >>> part = fs.read_response("hammer.uff", level=0.01)  # doctest: +SKIP
     >>> joined = fs.couple_responses({"part": part, "rest": rest}, [(("part", "3:uz"), ("rest", "DOF 7"))])  # doctest: +SKIP
     """
-    file = path_of("path", path)
+    file = existing(path_of("path", path))
     stated = (None if quantity is None else choice("quantity", quantity, QUANTITIES),
               None if over is None else choice("over", over, ("force",)))
-    if not file.is_file():
-        raise InputError(f"there is no file {file}")
     sets = list(data_sets(file))
     functions = [one for one in sets if one.kind == Sets.FUNCTION]
     if short := [one for one in functions if len(one.lines) < HEADS[Sets.FUNCTION]]:
@@ -239,9 +237,7 @@ def read_modes(path: str | Path) -> ModeSet:
     >>> known = fs.read_modes("test.uff")  # doctest: +SKIP
     >>> pairs = known.compare(part, fs.normal_modes(part, count=20), tol=5.0)  # doctest: +SKIP
     """
-    file = path_of("path", path)
-    if not file.is_file():
-        raise InputError(f"there is no file {file}")
+    file = existing(path_of("path", path))
     if file.suffix.lower() == ".rst":
         from femsub.io.ansys import read_rst
 

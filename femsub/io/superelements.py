@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from femsub.checks import EQUAL, POSITION, Array, InputError, Matrix, warn
 from femsub.io.abaqus_calculix import DIRECTIONS, TextMatrix
-from femsub.io.damage import MOST, check_room
+from femsub.io.damage import MOST, check_room, existing
 from femsub.io.dmig import cards_of, dmig_of, quadruples, whole
 from femsub.io.nastran import Systems, systems_of, tables_of
 from femsub.io.op2 import read_op2
@@ -51,9 +51,7 @@ def read_superelement(path: Path, name: str | None, cutoff: float | None) -> Red
         See the table.
     """
     # the files of the same name in this folder, by their endings in small letters; the file itself where there are several
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
-    deck, ending = _Deck(path), path.suffix.lower()
+    deck, ending = _Deck(existing(path)), path.suffix.lower()
     files = {other.suffix.lower(): other for other in sorted(path.parent.iterdir())
              if other.stem == path.stem and other.suffix.lower() in ENDINGS and other.is_file()} | {ending: path}
     # a Craig-Bampton model of Sierra/SD: its nodes as grids, its modes as scalar points behind the last of them

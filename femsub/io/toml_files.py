@@ -80,8 +80,7 @@ def toml(value: Any) -> str:
         if value and not 1e-3 <= abs(value) < 1e6:
             mantissa, exponent = f"{value:.16e}".split("e") if float(f"{value:.14e}") != value else f"{value:.14e}".split("e")
             return f"{mantissa.rstrip('0').rstrip('.')}e{int(exponent)}"
-        digits = f"{value:.15g}" if float(f"{value:.15g}") == value else repr(value)  # 0.3, not 0.30000000000000004
-        return digits if "." in digits else f"{digits}.0"
+        return repr(float(value))  # the shortest text that gives the same number
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (list, tuple)):

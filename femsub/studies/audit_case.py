@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from femsub.checks import DENSE, EQUAL, Array, FemsubError, FemsubWarning, Tally, instance
+from femsub.checks import DENSE, EQUAL, Array, FemsubError, FemsubWarning, Tally, first_few, instance
 from femsub.model import ReducedSubstructure, Substructure
 from femsub.modes import NormalModes, ShiftInvert, lowest_modes, modes_under
 from femsub.reduction import AGREE, METHODS, SHAPED, GivenModel, Method, dense, reduced_by
@@ -310,7 +310,6 @@ class Case(GivenModel):
             return unknown(f"the frequencies of the full model could not be computed: {error}")
 
 
-def listed(numbers: Sequence[int] | Array, most: int = 4) -> str:
-    """'0, 3 and 2 more'."""
-    text = ", ".join(str(int(number)) for number in numbers[:most])
-    return text + (f" and {len(numbers) - most} more" if len(numbers) > most else "")
+def listed(numbers: Sequence[int] | Array) -> str:
+    """'0, 3, 4, 7 and 2 more'."""
+    return first_few([str(int(number)) for number in numbers], most=4)

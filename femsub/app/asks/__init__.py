@@ -8,7 +8,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from femsub.app.kinds import Kind, key
-from femsub.checks import InputError, unknown_name
+from femsub.checks import InputError, naming, unknown_name
 from femsub.io import check_value, keys_of
 
 if TYPE_CHECKING:
@@ -69,10 +69,8 @@ class Ask(Kind):
             if not there:
                 raise InputError(f"{self.KIND} needs {what}")
         for name, one in scene.contacts.items() if self.NONLINEAR else ():
-            try:
+            with naming(f"contact {name}"):
                 one.check_nonlinear()
-            except InputError as error:
-                raise InputError(f"contact {name}: {error}") from None
 
     def parts_named(self) -> Iterable[str]:
         """Parts that it names. They need not be joined to others."""

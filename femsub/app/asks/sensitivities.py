@@ -35,12 +35,9 @@ class SensitivitiesAsk(AskAt):
         known = models.chosen(self.models)[0]
         modes = models.spectrum(known, self.at, models.band_below(known, self.band))
         of = modes.drawn_first()
-        parameters = [models.scene.parameters[name].change(models) if name in models.scene.parameters
-                      and models.scene.parameters[name].acts
-                      else name for name in self.sensitivities]
-        model = known.model
-        values = {name: self.at.get(name, models.value(name)) for name in model.parameters} if models.pencil or isinstance(
-            model, fs.BoxModel) else None
+        model, given = known.model, models.scene.parameters
+        parameters = [(given[name].change(models) if name in given else None) or name for name in self.sensitivities]
+        values = models.values(model.parameters, self.at) if models.pencil or isinstance(model, fs.BoxModel) else None
         found = fs.sensitivities(model, None if values is not None else models.at(self.at), modes, parameters, of=of, at=values)
         table, = found.tables()
         whose = "of the full model" if not known.before else f"of the model of {known.model.size} DOF"

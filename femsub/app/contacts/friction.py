@@ -41,10 +41,6 @@ class FrictionContactKind(ContactKind):
     def surfaces(self) -> list[str]:
         return list(self.friction)
 
-    @property
-    def tol(self) -> float | None:
-        return self.tolerance or None
-
     def parameters(self) -> list[str]:
         return ["mu", "stiffness", "pressure", "speed", "slope"]
 

@@ -29,11 +29,6 @@ class JointKind(LinkKind):
         found = getattr(self, self.KIND.replace("-", "_"))
         return [found] if isinstance(found, str) else list(found)
 
-    @property
-    def tol(self) -> float | None:
-        """The tolerance, if one is given."""
-        return self.tolerance or None
-
     def made(self, ends: Sequence[Any], meshes: Mapping[str, Mesh]) -> list[Any]:
         """The joints between the ends, as `couple` takes them."""
         raise NotImplementedError

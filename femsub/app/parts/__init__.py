@@ -164,7 +164,4 @@ def from_file(site: PartSite, name: str) -> Path:
     InputError
         There is no such file.
     """
-    path = site.folder / name
-    if not path.is_file():
-        raise InputError(f"there is no file {path}")
-    return path
+    return fs.io.existing(site.folder / name)
