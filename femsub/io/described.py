@@ -56,9 +56,8 @@ def table_schema(kind: Any) -> dict[str, Any]:
     """The schema of a table of keys."""
     properties: dict[str, Any] = {}
     together: dict[str, list[str]] = {}
-    declared = keys_of(kind)
-    for field, one in declared.items():
-        name = spelt(kind, field)
+    declared = {spelt(kind, field): one for field, one in keys_of(kind).items()}
+    for name, one in declared.items():
         about = ", ".join(part for part in (one.unit, one.otherwise and f"default: {one.otherwise}") if part)
         properties[name] = {"description": one.meaning + (f" ({about})" if about else ""), **any_of(_ways(one, one.type, kind))}
         if one.default not in (None, "", [], {}) and not one.otherwise and not one.required:
@@ -66,7 +65,7 @@ def table_schema(kind: Any) -> dict[str, Any]:
         if one.required_with:
             together.setdefault(one.required_with, []).append(name)
     made: dict[str, Any] = {"type": "object", "properties": properties, "additionalProperties": False}
-    if needed := [spelt(kind, name) for name, one in declared.items() if one.required]:
+    if needed := [name for name, one in declared.items() if one.required]:
         made["required"] = needed
     return made | ({"dependencies": together} if together else {})
 
