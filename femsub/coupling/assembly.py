@@ -123,10 +123,9 @@ class System(Substructure):
         """The name of the first DOF that moves with this coordinate, with its part, as 'pad: uz at node 12'."""
         column = self.L[:, [row]]
         at = int(np.argmax((column.toarray() if sp.issparse(column) else column).ravel() != 0))
-        ends = np.cumsum([0, *(part.size for part in self.parts.values())])
-        place = int(np.searchsorted(ends, at, "right")) - 1
-        name, part = list(self.parts.items())[place]
-        return f"{name}: {part.dof_name(at - int(ends[place]))}"
+        name, part, start = next((name, part, rows.start) for (name, part), rows in
+                                 zip(self.parts.items(), rows_of_parts(self.parts), strict=True) if at < rows.stop)
+        return f"{name}: {part.dof_name(at - start)}"
 
     @cached_property
     def interface_rows(self) -> Matrix:
