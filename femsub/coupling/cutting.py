@@ -56,9 +56,6 @@ class Cut(Frozen):
     cells: Mapping[str, Array] = field(default_factory=dict)
     meshes: Mapping[str, Mesh] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells, meshes=self.meshes)
-
     def __iter__(self) -> Iterator[Any]:
         return iter((self.parts, self.joints))
 

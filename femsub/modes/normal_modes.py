@@ -553,15 +553,13 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
             name = getattr(model, "name", "the model")
             warn(f"count={count} elastic modes of {name!r} were asked for, but it has {found} of finite frequency"
                  + (f" beside {modes.rigid} rigid-body modes" if modes.rigid else "") + ". All of them are returned")
-        modes = _with_masses(model, modes)
-        log.info("%r", modes)
-        return modes
-    lo, hi = usable_band(model, band)
-    modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
-    inside = in_band(modes.frequencies, (lo, hi))
-    modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
-                    rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
-                    unlisted=int(np.count_nonzero(~inside)))
+    else:
+        lo, hi = usable_band(model, band)
+        modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
+        inside = in_band(modes.frequencies, (lo, hi))
+        modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                        rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
+                        unlisted=int(np.count_nonzero(~inside)))
     modes = _with_masses(model, modes)
     log.info("%r", modes)
     return modes
