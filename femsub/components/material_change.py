@@ -96,7 +96,7 @@ class MaterialChange(Change):
         choice("parameter", self.parameter, self.constants)
         word("part", self.part)
         if self.rayleigh is not None:
-            rayleigh_factors(self.rayleigh)
+            object.__setattr__(self, "rayleigh", rayleigh_factors(self.rayleigh))
         self.allowed(0.0)
         self.allowed(finite_number("amount", self.amount))
 
