@@ -138,7 +138,7 @@ def test_candidates_tried_together_are_as_each_alone(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Wider, "responses", lambda self, sub, loads: solves.append(1) or responses(self, sub, loads))
     full = fs.solid(BAR, {"root": STEEL, "tip": SOFT}, supports=["left"], interface=["right"], rayleigh=(5.0, 1e-7))
     rom = fs.reduce(full, fs.Rubin(8))
-    softer = fs.MaterialChange.solid(BAR, SOFT, "E", -1e9, cells="tip", rayleigh=(5.0, 1e-7))
+    softer = fs.MaterialChange.solid(BAR, SOFT, "E", -1e9, cells="tip", rayleigh=np.array([5.0, 1e-7]))
     candidates = [[fs.AddedMass([180, 181], 0.01)], [fs.AddedSpring([60, 61], 1e6)],
                   # responses in common, and others that depend on each other
                   [fs.AddedMass([180, 181], 0.02), fs.AddedSpring([180, 181], 1e5), fs.AddedDamper([60], 10.0)],

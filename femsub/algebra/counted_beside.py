@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import scipy.sparse as sp
@@ -17,7 +16,7 @@ from femsub.algebra.matrices import Difference, Sum
 from femsub.algebra.memory import MOST_FILL, room_of_count
 from femsub.algebra.processes.beside import Process
 from femsub.algebra.processes.limits import BASE, FACTOR_BYTES, WORTH
-from femsub.checks import Matrix, NotEnoughMemoryError
+from femsub.checks import Matrix
 
 if TYPE_CHECKING:
     from femsub.algebra.factor import Handle
@@ -35,10 +34,8 @@ class CountBeside(Process):
 
         The calling process will need `columns` of n numbers meanwhile.
         """
-        if nonzeros >= WORTH and cls.has_room(room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns):
-            with suppress(OSError, NotEnoughMemoryError):
-                return cls(K, M)
-        return None
+        need = room_of_count(K, nonzeros) + 8.0 * K.shape[0] * columns
+        return cls.if_room(need, lambda: (K, M)) if nonzeros >= WORTH else None
 
     @classmethod
     def early(cls, K: Matrix, M: Matrix, columns: float) -> CountBeside | None:
@@ -46,10 +43,7 @@ class CountBeside(Process):
         # for most matrices with 20 nonzeros per row, as of solids and plates, the factor has four or more times as many
         if not sp.issparse(K) or K.nnz < max(WORTH / 4, 20 * K.shape[0]):
             return None
-        if cls.has_room(MOST_FILL * FACTOR_BYTES * K.nnz + BASE + 8.0 * K.shape[0] * columns):
-            with suppress(OSError, NotEnoughMemoryError):
-                return cls(K, M)
-        return None
+        return cls.if_room(MOST_FILL * FACTOR_BYTES * K.nnz + BASE + 8.0 * K.shape[0] * columns, lambda: (K, M))
 
 
 class SignsBeside(Process):
@@ -68,10 +62,8 @@ class SignsBeside(Process):
         """
         if not sp.issparse(A.K) or factor.bytes < FACTOR_BYTES * WORTH or factor.on_disk:
             return None
-        if cls.has_room(room_of_count(A.K, factor.bytes / FACTOR_BYTES, kept=True) + 8.0 * factor.size * columns):
-            with suppress(OSError, NotEnoughMemoryError):
-                return cls(A.formed(), D(), d)
-        return None
+        need = room_of_count(A.K, factor.bytes / FACTOR_BYTES, kept=True) + 8.0 * factor.size * columns
+        return cls.if_room(need, lambda: (A.formed(), D(), d))
 
     def answer(self) -> tuple[bool, bool] | None:
         """Both results, at the first call; None if the process found none. It waits for the end of the process."""

@@ -20,6 +20,9 @@ class Frozen:
     Plain pickle loses the read-only flag and refuses the views. Only the fields are pickled; cached values are computed again.
     """
 
+    def __post_init__(self) -> None:
+        self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # type: ignore[arg-type]
+
     def _set(self, **values: Any) -> None:
         """Set fields of an object under construction, read-only."""
         for name, value in values.items():

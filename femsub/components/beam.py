@@ -14,6 +14,7 @@ from femsub.checks import (
     Array,
     InputError,
     InputTypeError,
+    Matrix,
     choice,
     finite_number,
     items,
@@ -37,7 +38,6 @@ SPACE_SUPPORTS: dict[str, tuple[int, ...]] = {"free": (), "pinned": (0, 1, 2), "
 #: indices among an element's 12 DOF: stretching, torsion, and (v, v,x = θz), (w, w,x = -θy) at both ends
 STRETCH, TWIST, ACROSS, UP = (np.array(at) for at in ((0, 6), (3, 9), (1, 5, 7, 11), (2, 4, 8, 10)))
 SLOPES = np.array([1.0, -1.0, 1.0, -1.0])
-
 
 
 def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any, rho: Any, A: Any,  # noqa: E741
@@ -95,7 +95,6 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     >>> fs.beam(1.0, 4, E=2.1e11, I=1e-8, rho=7850.0, A=1e-4, supports={"left": "clamped"}, interface=["right"])
     Substructure 'beam': 8 DOF, sparse, 40 nonzeros in K, 2 interface DOF, no ports
     """
-    supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
     ports = optional_mapping("ports", ports, "names and places, as {'belt': 0.3}")
     x, h = element_lengths(length, elements)
     m = len(h)
@@ -117,23 +116,11 @@ def beam(length: float, elements: int | Sequence[float] = 20, *, E: Any, I: Any,
     warn_of_rounding(K, lift, whole, name, "take longer elements", growth=0.05)  # 540 equal elements
     if bed.any():
         K = K + gathered(rows, len(lift), bedding)[0]
-    held = [2 * _node(x, place, "supports") + dof for place, kind in supports.items()
-            for dof in SUPPORTS[choice("support", kind, SUPPORTS)]]
-    dofs = DofMap(np.repeat(np.arange(1, m + 2), 2), np.tile([0, 1], m + 1), LABELS, np.repeat(x, 2)[:, None])
-    interface = items("interface", interface, "places")
-    columns = {}
-    for port, place in ports.items():
-        label: Any = "w"
-        if isinstance(place, tuple):
-            if len(place) != 2:
-                raise InputTypeError(f"port {port!r} must be a place or a pair (place, label), not {place!r:.80}")
-            place, label = place
-        columns[port] = np.zeros(len(lift))
-        at = 2 * _node(x, place, f"port {port!r}")
-        columns[port][at + LABELS.index(choice(f"motion of port {port!r}:", label, LABELS))] = 1.0
-    return component(
-        K, M, np.array(held, dtype=int), {str(place): 2 * _node(x, place, "interface") + np.arange(2) for place in interface},
-        columns, dofs, rayleigh, name)
+    moved = {port: place if isinstance(place, tuple) else (place, "w") for port, place in ports.items()}
+    for port, place in moved.items():
+        if len(place) != 2:
+            raise InputTypeError(f"port {port!r} must be a place or a pair (place, label), not {place!r:.80}")
+    return _with_ends(K, M, x[:, None], LABELS, SUPPORTS, supports, interface, moved, rayleigh, name)
 
 
 def element_lengths(length: float, elements: int | Sequence[float]) -> tuple[Array, Array]:
@@ -152,11 +139,37 @@ def element_lengths(length: float, elements: int | Sequence[float]) -> tuple[Arr
     return x, np.full(count, x[-1] / count)  # exactly equal, unlike differences of x
 
 
-def _node(x: Array, place: Any, what: str) -> int:
-    if isinstance(place, str):
-        return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
-    where = [finite_number(f"a place in {what} other than 'left' and 'right'", place)]
-    return node_at(x[:, None], 1 + np.arange(len(x)), where, what, POSITION * np.diff(x).min())
+def _with_ends(K: Matrix, M: Matrix, x: Array, labels: tuple[str, ...], kinds: Mapping[str, tuple[int, ...]], supports: Any,
+               interface: Any, ports: Mapping[str, tuple[Any, Any]], rayleigh: tuple[float, float] | None,
+               name: str) -> Substructure:
+    """The substructure of a beam with the nodes x (m + 1, d) and the motions `labels` at each, held at its supports.
+
+    `kinds` are the indices of the motions that each kind of support holds. Each of `ports` is (place, label).
+    """
+    step, size = len(labels), K.shape[0]
+
+    def node(place: Any, what: str) -> int:
+        if isinstance(place, str):
+            return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else len(x) - 1
+        if x.shape[1] == 1:
+            where: Any = [finite_number(f"a place in {what} other than 'left' and 'right'", place)]
+        elif (where := real_array(f"a place in {what}", place)).shape != (3,):
+            raise InputError(f"a place in {what} must be 'left', 'right' or (x, y, z), not {place!r:.80}")
+        near = POSITION * np.linalg.norm(np.diff(x, axis=0), axis=1).min()
+        return node_at(x, 1 + np.arange(len(x)), where, what, near)
+
+    supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
+    held = [step * node(place, "supports") + k for place, kind in supports.items()
+            for k in kinds[choice("support", kind, kinds)]]
+    columns = {}
+    for port, (place, label) in ports.items():
+        columns[port] = np.zeros(size)
+        at = step * node(place, f"port {port!r}")
+        columns[port][at + labels.index(choice(f"motion of port {port!r}:", label, labels))] = 1.0
+    sets = {str(place): step * node(place, "interface") + np.arange(step) for place in items("interface", interface, "places")}
+    every = np.arange(size)
+    dofs = DofMap(1 + every // step, every % step, labels, x[every // step])
+    return component(K, M, np.array(held, dtype=int), sets, columns, dofs, rayleigh, name)
 
 
 def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: Any, rho: Any, A: Any, I: Any, J: Any,  # noqa: E741
@@ -250,31 +263,13 @@ def space_beam(points: Any, elements: int | Sequence[int] = 20, *, E: Any, G: An
 
     rows = 6 * np.arange(m)[:, None] + np.arange(12)
     K, M = gathered(rows, 6 * (m + 1), matrices)
-    every = np.arange(6 * (m + 1))
     whole = 1 / (float(np.sum(h / (E * np.minimum(I_y, I_z)))) * h.sum()**2)  # about a third of a tip's stiffness, 3EI/L³
-    warn_of_rounding(K, every % 6 < 3, whole, name, "take longer elements", growth=0.2)
-    dofs = DofMap(1 + every // 6, every % 6, MOTIONS, x[every // 6])
-
-    def node(place: Any, what: str) -> int:
-        if isinstance(place, str):
-            return 0 if choice(f"place in {what}:", place, ("left", "right")) == "left" else m
-        where = real_array(f"a place in {what}", place)
-        if where.shape != (3,):
-            raise InputError(f"a place in {what} must be 'left', 'right' or (x, y, z), not {place!r:.80}")
-        return node_at(x, 1 + np.arange(m + 1), where, what, POSITION * h.min())
-
-    supports = optional_mapping("supports", supports, "places and kinds, as {'left': 'clamped'}")
-    held = [6 * node(place, "supports") + k for place, kind in supports.items()
-            for k in SPACE_SUPPORTS[choice("support", kind, SPACE_SUPPORTS)]]
-    columns = {}
-    for port, where in optional_mapping("ports", ports, "names and (place, motion)").items():
+    warn_of_rounding(K, np.arange(K.shape[0]) % 6 < 3, whole, name, "take longer elements", growth=0.2)
+    ports = optional_mapping("ports", ports, "names and (place, motion)")
+    for port, where in ports.items():
         if not isinstance(where, tuple) or len(where) != 2:
             raise InputTypeError(f"port {port!r} must be a pair (place, motion), as ('right', 'uz'), not {where!r:.80}")
-        columns[port] = np.zeros(len(every))
-        at = 6 * node(where[0], f"port {port!r}")
-        columns[port][at + MOTIONS.index(choice(f"motion of port {port!r}:", where[1], MOTIONS))] = 1.0
-    sets = {str(place): 6 * node(place, "interface") + np.arange(6) for place in items("interface", interface, "places")}
-    return component(K, M, np.array(held, dtype=int), sets, columns, dofs, rayleigh, name)
+    return _with_ends(K, M, x, MOTIONS, SPACE_SUPPORTS, supports, interface, ports, rayleigh, name)
 
 
 def nodes_along(points: Any, elements: Any) -> Array:

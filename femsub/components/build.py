@@ -73,10 +73,15 @@ def pair(name: str, value: Any, what: str) -> tuple[Any, Any]:
     return value[0], value[1]
 
 
+def rayleigh_factors(rayleigh: tuple[float, float]) -> tuple[float, float]:
+    """(α, β), checked."""
+    alpha, beta = pair("rayleigh", rayleigh, "(alpha, beta)")
+    return not_negative("alpha of rayleigh", alpha), not_negative("beta of rayleigh", beta)
+
+
 def proportional(sub: Substructure, rayleigh: tuple[float, float]) -> Matrix:
     """αM + βK for the pair `rayleigh` = (α, β)."""
-    alpha, beta = (not_negative(f"{name} of rayleigh", value)
-                   for name, value in zip(("alpha", "beta"), pair("rayleigh", rayleigh, "(alpha, beta)"), strict=True))
+    alpha, beta = rayleigh_factors(rayleigh)
     return alpha * sub.M + beta * sub.K
 
 

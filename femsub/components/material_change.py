@@ -13,7 +13,7 @@ import numpy as np
 from femsub.checks import Array, InputError, Matrix, choice, finite_number, instance, positive_number, whole_numbers, word
 from femsub.components.beam import LABELS, element_lengths
 from femsub.components.bending_elements import hermite_matrices
-from femsub.components.build import gathered, not_negative, pair
+from femsub.components.build import gathered, not_negative, rayleigh_factors
 from femsub.components.mesh import Mesh
 from femsub.components.plate import Layout
 from femsub.components.solid_assembly import Material, lame, stiffness_and_mass
@@ -62,7 +62,7 @@ class MaterialChange(Change):
         The part of a system; '' for a model that is not a system.
     where : str
         The group of cells.
-    rayleigh : (alpha, beta)
+    rayleigh : (alpha, beta), optional
         D changes by αΔM + βΔK.
 
     Examples
@@ -83,7 +83,7 @@ class MaterialChange(Change):
     dofs: DofMap
     part: str = ""
     where: str = ""
-    rayleigh: tuple[float, float] = (0.0, 0.0)
+    rayleigh: tuple[float, float] | None = None
 
     def __repr__(self) -> str:
         return f"MaterialChange: {self.name}, {self.value:g} {self.amount:+g}"
@@ -93,6 +93,10 @@ class MaterialChange(Change):
         return f"{self.parameter} of {' '.join(one for one in (self.part, self.where) if one) or self.kind}"
 
     def __post_init__(self) -> None:
+        choice("parameter", self.parameter, self.constants)
+        word("part", self.part)
+        if self.rayleigh is not None:
+            object.__setattr__(self, "rayleigh", rayleigh_factors(self.rayleigh))
         self.allowed(0.0)
         self.allowed(finite_number("amount", self.amount))
 
@@ -133,17 +137,14 @@ class MaterialChange(Change):
         """
         members, where = _cells(mesh, cells)
         now = {name: getattr(instance("material", material, Material), name) for name in ("E", "nu", "rho", "loss")}
-        choice("parameter", parameter, now)
         nodes, places = np.unique(mesh.cells[members], return_inverse=True)
         piece = Mesh(mesh.points[nodes], places.reshape(-1, mesh.cells.shape[1]), mesh.kind)
         every = np.arange(len(members))
-        matrices: list[Matrix] = []
-        for moduli in ((1.0, 0.0), (0.0, 1.0)):  # λ and μ by themselves
-            K, M = stiffness_and_mass(piece, [(SimpleNamespace(lame=moduli, rho=1.0), every)])  # type: ignore[list-item]
-            matrices.append(K)
+        (K0, M), (K1, _) = (stiffness_and_mass(piece, [(SimpleNamespace(lame=moduli, rho=1.0), every)])  # type: ignore[list-item]
+                            for moduli in ((1.0, 0.0), (0.0, 1.0)))  # λ and μ by themselves
         own = np.arange(3 * len(nodes))
         dofs = DofMap(mesh.numbers[nodes][own // 3], own % 3, TRANSLATIONS)
-        return cls("solid", parameter, amount, now, (*matrices, M), dofs, word("part", part), where, _pair(rayleigh))
+        return cls("solid", parameter, amount, now, (K0, K1, M), dofs, part, where, rayleigh)
 
     @classmethod
     def plate(cls, mesh: Mesh, parameter: str, amount: float = 0.0, *, E: float, nu: float, rho: float, thickness: float,
@@ -151,11 +152,9 @@ class MaterialChange(Change):
         """The change of a plate: `parameter` is 'E', 'nu', 'rho' or 'thickness'. For other arguments see `plate` and `solid`."""
         members, where = _cells(mesh, cells)
         now = {"E": E, "nu": nu, "rho": rho, "thickness": thickness}
-        choice("parameter", parameter, now)
         layout = Layout(mesh)
         (K0, M), (K1, _) = (layout.matrices(nu, members) for nu in (0.0, 1.0))  # K is affine in ν
-        return cls("plate", parameter, amount, now, (K0, K1 - K0, M), layout.dofs(), word("part", part), where,
-                   _pair(rayleigh))
+        return cls("plate", parameter, amount, now, (K0, K1 - K0, M), layout.dofs(), part, where, rayleigh)
 
     @classmethod
     def beam(cls, length: float, elements: int | Sequence[float], parameter: str, amount: float = 0.0, *, E: float, I: float,  # noqa: E741
@@ -168,12 +167,10 @@ class MaterialChange(Change):
         x, h = element_lengths(length, elements)
         members = np.arange(len(h)) if cells is None else _rows(cells, len(h))
         now = {"E": E, "I": I, "rho": rho, "A": A, "foundation": foundation}
-        choice("parameter", parameter, now)
         rows = 2 * members[:, None] + np.arange(4)
         K, M = gathered(rows, 2 * len(x), lambda part: hermite_matrices(h[members[part]]))
         dofs = DofMap(np.repeat(np.arange(1, len(x) + 1), 2), np.tile([0, 1], len(x)), LABELS)
-        return cls("beam", parameter, amount, now, (K, M, M), dofs, word("part", part), "" if cells is None else "cells",
-                   _pair(rayleigh))
+        return cls("beam", parameter, amount, now, (K, M, M), dofs, part, "" if cells is None else "cells", rayleigh)
 
     def terms(self, model: Any) -> list[ChangeTerm]:
         """The terms of K and M, and the resulting terms of D and H."""
@@ -184,7 +181,7 @@ class MaterialChange(Change):
         moved = np.flatnonzero(rows >= 0)  # other DOF are held
         if not len(moved):
             raise InputError(f"{self.name}: the part has none of the DOF of these cells. Give the mesh that it was built of")
-        alpha, beta = self.rayleigh
+        alpha, beta = self.rayleigh or (0.0, 0.0)
         found: list[tuple[str, Matrix, Callable[[Values], Any]]] = []
         for (key, factor), A in zip(FACTORS[self.kind], self.matrices, strict=True):
             found.append((key, A, factor))
@@ -201,11 +198,6 @@ class MaterialChange(Change):
                                         lambda a, factor=factor, now=now: factor(  # type: ignore[misc]
                                             {**self.constants, self.parameter: self.value + a}) - now))
         return terms
-
-
-def _pair(rayleigh: tuple[float, float] | None) -> tuple[float, float]:
-    given = (0.0, 0.0) if rayleigh is None else pair("rayleigh", rayleigh, "(alpha, beta)")
-    return not_negative("alpha of rayleigh", given[0]), not_negative("beta of rayleigh", given[1])
 
 
 def _cells(mesh: Any, cells: Any) -> tuple[Array, str]:

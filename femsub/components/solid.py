@@ -161,10 +161,7 @@ def _motions(mesh: Mesh, what: str, named: Mapping[str, str] | Iterable[str] | N
             axes = "xyz"
         if not axes or set(axes) - set("xyz"):
             raise InputError(f"{what}: {axes!r} for the set {name!r} must be 'clamped' or some of the letters x, y, z")
-        chosen = np.zeros((len(mesh.points), 3), dtype=bool)
         with naming(what):
             nodes = mesh.nodes(name)
-        for axis in axes:
-            chosen[nodes, "xyz".index(axis)] = True
-        found[name] = np.flatnonzero(chosen)
+        found[name] = (3 * nodes[:, None] + [at for at, axis in enumerate("xyz") if axis in axes]).ravel()
     return found

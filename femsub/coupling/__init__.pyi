@@ -19,4 +19,4 @@ from .contacts.brake import brake_meshes as brake_meshes
 from .contacts.charts import friction_chart as friction_chart
 from .cutting import PLACES as PLACES, cut_chain as cut_chain, cut_mesh as cut_mesh
 from .dual import FORCE as FORCE
-from .joints import Rigid as Rigid, spatial as spatial
+from .joints import Rigid as Rigid

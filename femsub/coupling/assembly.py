@@ -34,7 +34,7 @@ from femsub.algebra import (
 )
 from femsub.checks import DENSE, EQUAL, Array, InputError, InputTypeError, Matrix, choice, instance, items, mapping, naming, word
 from femsub.coupling.dual import Multiplied, finite_span, interface_forces, multiplied
-from femsub.coupling.joints import End, Joint, Link, site, spatial
+from femsub.coupling.joints import End, Joint, Link, site
 from femsub.model import (
     Carried,
     DofMap,
@@ -123,10 +123,9 @@ class System(Substructure):
         """The name of the first DOF that moves with this coordinate, with its part, as 'pad: uz at node 12'."""
         column = self.L[:, [row]]
         at = int(np.argmax((column.toarray() if sp.issparse(column) else column).ravel() != 0))
-        ends = np.cumsum([0, *(part.size for part in self.parts.values())])
-        place = int(np.searchsorted(ends, at, "right")) - 1
-        name, part = list(self.parts.items())[place]
-        return f"{name}: {part.dof_name(at - int(ends[place]))}"
+        name, part, start = next((name, part, rows.start) for (name, part), rows in
+                                 zip(self.parts.items(), rows_of_parts(self.parts), strict=True) if at < rows.stop)
+        return f"{name}: {part.dof_name(at - start)}"
 
     @cached_property
     def interface_rows(self) -> Matrix:
@@ -151,7 +150,7 @@ class System(Substructure):
         owner = np.repeat(np.arange(len(found)), [one.size for one in found])
         nodes = np.unique([owner, np.concatenate([one.nodes for one in found])], axis=1, return_inverse=True)[1]
         components = [labels.index(one.labels[k]) for one in found for k in one.components]
-        points = np.concatenate([spatial(one.points) for one in found if one.points is not None])
+        points = np.concatenate([one.in_space for one in found])
         return DofMap(nodes.ravel() + 1, components, labels, points)
 
     def expand(self, x: Array) -> dict[str, Array]:

@@ -56,9 +56,6 @@ class Cut(Frozen):
     cells: Mapping[str, Array] = field(default_factory=dict)
     meshes: Mapping[str, Mesh] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        self._set(parts=self.parts, joints=self.joints, rows=self.rows, size=self.size, cells=self.cells, meshes=self.meshes)
-
     def __iter__(self) -> Iterator[Any]:
         return iter((self.parts, self.joints))
 
@@ -216,8 +213,8 @@ def _partition(graph: Matrix, into: int, together: Sequence[Array]) -> Array:
                                           directed=False)
     if count < into:
         raise InputError(f"into={into} parts are too many: the ports leave {count} pieces that can be parts. Take fewer")
-    merged = sp.csr_array((np.ones(len(cluster)), (cluster, np.arange(len(cluster)))), shape=(count, len(cluster)))
-    return partition(merged @ graph @ merged.T, into)[cluster]
+    merged = _incidence(cluster[:, None], count)
+    return partition(merged.T @ graph @ merged, into)[cluster]
 
 
 def _incidence(cells: Array, count: int) -> Matrix:
@@ -263,15 +260,15 @@ def _cut_matrices(whole: Substructure, into: int) -> Cut:
             "each DOF is coupled with every other, as in one element or a reduced model. Cut the full model or its mesh"
             if whole.dofs is None else "all DOF belong to one node"))
     into = whole_number("into, the number of parts,", into, 2, count)
-    of_node = sp.csr_array((np.ones(len(node)), (node, np.arange(len(node)))), shape=(count, len(node)))
-    graph = sp.coo_array(of_node @ A @ of_node.T)
+    of_node = _incidence(node[:, None], count)
+    graph = sp.coo_array(of_node.T @ A @ of_node)
     graph = sp.csr_array((np.ones(graph.nnz), graph.coords), shape=graph.shape)
     under = [np.unique(node[np.flatnonzero(w.reshape(whole.size, -1).any(axis=1))]) for w in whole.ports.values()]
     owner = _partition(graph, into, under)
     ported = np.zeros(count, dtype=bool)
     ported[np.concatenate([*under, np.zeros(0, dtype=int)]).astype(int)] = True
     member, common = members(graph, owner, ported, into)
-    member, common = member[node], [sp.csr_array(of_node.T @ one @ of_node) for one in common]
+    member, common = member[node], [sp.csr_array(of_node @ one @ of_node.T) for one in common]
     return in_rows(whole, {f"p{at + 1}": np.flatnonzero(column) for at, column in enumerate(member.T)}, common)
 
 
@@ -307,15 +304,12 @@ def _joined(whole: Substructure, rows: dict[str, Array], matrices: Mapping[str, 
     parts = {}
     for number, (name, own) in enumerate(rows.items()):
         M, D, K = matrices[name]
-        local = np.full(count, -1)
-        local[own] = np.arange(len(own))
         interface = outer[member[outer, number]]
-        place = np.full(count, -1)
-        place[interface] = np.arange(len(interface))
         parts[name] = Substructure(
-            M, K, D if D.nnz else None, local[interface], {key: w[own] for key, w in whole.ports.items() if owner[key] == name},
-            name, None if whole.dofs is None else whole.dofs.kept(own),
-            {key: places for key, at in named.items() if len(places := place[at[member[at, number]]])})
+            M, K, D if D.nnz else None, places_of(interface, own),
+            {key: w[own] for key, w in whole.ports.items() if owner[key] == name}, name,
+            None if whole.dofs is None else whole.dofs.kept(own),
+            {key: places for key, at in named.items() if len(places := places_of(at[member[at, number]], interface))})
     return Cut(parts, joints, rows, count)
 
 

@@ -165,7 +165,7 @@ def matched(one: Site, other: Site, tol: float | None) -> Site:
     if not (one.named and other.named) or tol == np.inf or one.dofs.points is None or other.dofs.points is None:
         refuse_other_ways(one, other)
         return other
-    ours, theirs = spatial(one.dofs.points), spatial(other.dofs.points)
+    ours, theirs = one.dofs.in_space, other.dofs.in_space
     size = max(float(np.abs(where).max(initial=0.0)) for where in (ours, theirs))
     limit = POSITION * size if tol is None else tol
     order, apart = nearest(ours, theirs, [one.dofs.labels[k] for k in one.dofs.components],
@@ -200,11 +200,6 @@ def _otherwise(one: Site, other: Site, at: int) -> str:
     if name := other.dofs.also_called(label):
         return f" by this name, but {label} = {name}. Join the two by Kinematic or Averaged, which mind names and signs"
     return ". Name sets of the same motions, or join by Kinematic or Averaged"
-
-
-def spatial(points: Array) -> Array:
-    """Points (k, 1 to 3) in space, (k, 3)."""
-    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
 
 
 def nearest(points: Array, others: Array, labels: Sequence[str], kinds: Sequence[str]) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.checks import EQUAL, Array, InputError, naming, real_array, word
-from femsub.coupling.joints import End, Joint, Link, Site, site, spatial, stacked, title
+from femsub.coupling.joints import End, Joint, Link, Site, site, stacked, title
 
 if TYPE_CHECKING:
     from femsub.model import Substructure
@@ -42,7 +42,7 @@ class _OneNode(Joint):
         assert node.dofs is not None and node.dofs.points is not None and surface.dofs is not None
         if len(np.unique(node.dofs.nodes)) > 1:
             raise InputError(f"{node.title} must be one node, but its DOF belong to {len(np.unique(node.dofs.nodes))}")
-        own, rows = (dofs.rigid(spatial(node.dofs.points)[0]) for dofs in (node.dofs, surface.dofs))
+        own, rows = (dofs.rigid(node.dofs.in_space[0]) for dofs in (node.dofs, surface.dofs))
         reach = float(np.abs(rows[:, 3:]).max(initial=0.0))  # the extent of the surface
         unit = np.append(np.ones(3), np.full(3, 1 / reach if reach > 0 else 1.0))
         return (node, own * unit), (surface, rows * unit)

@@ -88,6 +88,12 @@ class DofMap(Frozen):
     def size(self) -> int:
         return len(self.nodes)
 
+    @property
+    def in_space(self) -> Array:
+        """The points with all three coordinates, (n, 3); they must be known."""
+        assert self.points is not None
+        return np.pad(self.points, ((0, 0), (0, 3 - self.points.shape[1])))
+
     def name(self, index: int) -> str:
         """E.g. 'uz at node 12', the name of one DOF (counted from 0)."""
         return f"{self.labels[self.components[index]]} at node {self.nodes[index]}"
@@ -139,9 +145,9 @@ class DofMap(Frozen):
         InputError
             The places are not known; a motion other than ux, uy, uz, w, slopes and rotations.
         """
-        if self.points is None or self.no_rigid:
+        if self.no_rigid:
             raise InputError(self.no_rigid)
-        r = np.pad(self.points, ((0, 0), (0, 3 - self.points.shape[1])))
+        r = self.in_space
         r = r - (r.mean(axis=0) if origin is None else origin)
         # row a of the cross product θ × r, as coefficients of θ
         turn = np.zeros((len(r), 3, 3))

@@ -20,9 +20,6 @@ class Supported(Frozen):
     mass: Matrix
     dofs: DofMap
 
-    def __post_init__(self) -> None:
-        self._set(coupling=self.coupling, mass=self.mass)  # read-only
-
 
 @dataclass(frozen=True, eq=False)
 class Inertia:

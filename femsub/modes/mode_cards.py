@@ -465,9 +465,7 @@ def columns_of_contact(model: Substructure, contact: Contact) -> tuple[list[str]
     for key in getattr(contact, "sets", ()):
         places = model.sets[key]
         names += [f"{key}: interface DOF {at}" if own is None else f"{key}: node {own[at]}" for at in places.tolist()]
-        known = None if dofs is None else dofs.points
-        points.append(np.full((len(places), 3), np.nan) if known is None else
-                      np.pad(known[places], ((0, 0), (0, 3 - known.shape[1]))))
+        points.append(np.full((len(places), 3), np.nan) if dofs is None or dofs.points is None else dofs.in_space[places])
     return names, np.vstack(points)
 
 

@@ -261,7 +261,7 @@ class Geometry:
         np.add.at(weight, number, own[moved])
         around, mass = points, weight
         if (held := piece.model.supported) is not None and held.dofs.points is not None:
-            around = np.vstack([points, np.pad(held.dofs.points, ((0, 0), (0, 3 - held.dofs.points.shape[1])))])
+            around = np.vstack([points, held.dofs.in_space])
             moves = np.isin(np.array(held.dofs.labels)[held.dofs.components], list(AXES))
             mass = np.append(weight, held.mass.diagonal() * moves)
         return cls(points, rows, weight, around, mass) if len(nodes) > 1 and weight.any() else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -205,9 +205,6 @@ class ModePairs(Frozen):
     dofs: int
     directions: tuple[str, ...] = ()
     mass_shares: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def __post_init__(self) -> None:
-        self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
 
     def __repr__(self) -> str:
         return (f"ModePairs: {len(self.known)} of {len(self.table)} modes at {self.dofs} DOF, smallest MAC {self.mac.min():.3f}, "

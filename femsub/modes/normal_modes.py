@@ -553,28 +553,20 @@ def normal_modes(model: Substructure, count: int | None = None, band: tuple[floa
             name = getattr(model, "name", "the model")
             warn(f"count={count} elastic modes of {name!r} were asked for, but it has {found} of finite frequency"
                  + (f" beside {modes.rigid} rigid-body modes" if modes.rigid else "") + ". All of them are returned")
-        modes = _with_masses(model, modes)
-        log.info("%r", modes)
-        return modes
-    lo, hi = usable_band(model, band)
-    modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
-    inside = in_band(modes.frequencies, (lo, hi))
-    modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
-                    rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
-                    unlisted=int(np.count_nonzero(~inside)))
-    modes = _with_masses(model, modes)
+    else:
+        lo, hi = usable_band(model, band)
+        modes = modes_below(model.K, model.M, widened(hi), ShiftInvert(model.K, model.M, carried=model.rigid_motion))
+        inside = in_band(modes.frequencies, (lo, hi))
+        modes = replace(modes, eigenvalues=modes.eigenvalues[inside], shapes=modes.shapes[:, inside],
+                        rigid=int(inside[:modes.rigid].sum()), residual=modes.residual[inside], rounding=modes.rounding[inside],
+                        unlisted=int(np.count_nonzero(~inside)))
+    # the coupling to rigid accelerations, if the model knows its rigid motion
+    if isinstance(model, Substructure) and (rigid := model.rigid_inertia()) is not None:
+        some = rigid.acting
+        modes = replace(modes, directions=tuple(MOTIONS[at] for at in some), coupling=modes.shapes.T @ rigid.forces[:, some],
+                        mass=rigid.mass.diagonal()[some])
     log.info("%r", modes)
     return modes
-
-
-def _with_masses(model: Substructure, modes: NormalModes) -> NormalModes:
-    """The modes with their coupling to rigid accelerations, if the model knows its rigid motion."""
-    inertia = model.rigid_inertia() if isinstance(model, Substructure) else None
-    if inertia is None:
-        return modes
-    some = inertia.acting
-    return replace(modes, directions=tuple(MOTIONS[at] for at in some), coupling=modes.shapes.T @ inertia.forces[:, some],
-                   mass=inertia.mass.diagonal()[some])
 
 
 def modes_below(K: Matrix, M: Matrix, limit: float, handle: ShiftInvert | None = None, most: float = np.inf,

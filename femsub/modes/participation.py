@@ -210,7 +210,6 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
         raise InputError(f"no rigid motion moves any mass of {model.name!r}")
     P, mass, names = P[:, some], mass[some], tuple(names[at] for at in some)
 
-    interface = np.zeros((0, 0))
     if modes is None:
         at = np.flatnonzero([kind == "fixed-interface" for kind in getattr(model, "kinds", ())])
         if not len(at) or not len(model.interface):
@@ -225,8 +224,8 @@ def effective_masses(model: Substructure, modes: NormalModes | None = None, *, o
         if len(shapes) != model.size:
             raise InputError(f"the modes have {len(shapes)} DOF, but {model.name!r} has {model.size}: are they of another model?")
         omega, L, own = modes.frequencies, shapes.T @ P, np.einsum("ij,ij->j", shapes, model.M @ shapes)
-        reach = moved_by_all(model, P) if whole else mass
-    return EffectiveMasses(omega, names, L, own, mass, reach, interface if modes is None else np.zeros((len(omega), 0)), about)
+        reach, interface = moved_by_all(model, P) if whole else mass, np.zeros((len(omega), 0))
+    return EffectiveMasses(omega, names, L, own, mass, reach, interface, about)
 
 
 def moved_by_all(model: Substructure, P: Array) -> Array:

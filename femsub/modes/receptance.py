@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -297,9 +297,6 @@ class FrequencyResponse(Frozen, Displayed):
             return np.full(self.receptance.shape, np.inf)
         n = self.repeated - 1
         return scatter * np.sqrt(n * ((1 - share) ** (-1 / n) - 1) if self.repeated else -np.log(1 - share))
-
-    def __post_init__(self) -> None:
-        self._set(**{item.name: getattr(self, item.name) for item in fields(self)})  # read-only
 
     @property
     def mobility(self) -> Array:

@@ -77,9 +77,6 @@ class Rotor(Frozen):
     centrifugal: Matrix
     axis: Array
 
-    def __post_init__(self) -> None:
-        self._set(gyroscopic=self.gyroscopic, centrifugal=self.centrifugal, axis=self.axis)
-
     def __repr__(self) -> str:
         axis = ", ".join(f"{x:.4g}" for x in self.axis)
         return f"Rotor {self.part.name!r}: {self.part.size} DOF, turns about ({axis})"

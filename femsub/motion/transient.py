@@ -292,8 +292,6 @@ def transient(model: Substructure, contacts: Contact | Sequence[Contact], time: 
     span = t1 - t0
     flow: Flow | AlphaFlow
     if method == "alpha" or (method == "auto" and sp.issparse(model.K) and model.size > DENSE):
-        from femsub.motion.generalised_alpha import AlphaFlow
-
         grid = _grid(t0, t1, step, samples, record_from, 0.0)
         apart = float(grid[1] - grid[0]) if len(grid) > 1 else span
         flow = AlphaFlow(contact, first, t0, apart, TOL["alpha"] if tol is None else float(tol), columns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,7 +13,6 @@ import scipy.sparse as sp
 
 from femsub.algebra import SMALL, SUMS, WORK, check_memory, kept_free, one_thread, slabs, without
 from femsub.checks import (
-    DENSE,
     EPS,
     EQUAL,
     Array,
@@ -187,8 +185,7 @@ class Method(ABC):
         if pencil.K is not sub.pencil.K:
             raise InputError("the estimate of a tolerance takes contacts that add to D only, such as belts. Use "
                              "ContactModes(band=..., tol=..., contacts=...) for friction between surfaces, or give a number of "
-                             "modes instead, e.g. "
-                             f"{type(self).__name__}(modes=20)")
+                             f"modes instead, e.g. {type(self).__name__}(modes=20)")
         return pencil if pencil.norms[1] > 0 else None
 
     @abstractmethod
@@ -330,7 +327,7 @@ def checked(sub: Substructure, method: Method, ports: bool | Sequence[str], cont
         raise InputTypeError(f"sub must be a Substructure, not {shown(sub)}")
     if not isinstance(method, Method):
         raise InputTypeError(f"unknown method {method!r}; valid: {', '.join(m.__name__ for m in METHODS.values())}")
-    if len(sub.interface_rows.shape) == 2 and sub.interface_rows.shape[0] != len(sub.interface):
+    if sub.interface_rows.shape[0] != len(sub.interface):
         raise InputError(f"{sub.name!r} is already reduced, and its interface is spread over generalised coordinates (as "
                          "Craig-Chang does). Reduce the full component instead")
     if isinstance(ports, str) or not isinstance(ports, (bool, Sequence)):
@@ -434,7 +431,7 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         interface_dofs=sub.interface_dofs, sets=sub.sets, rigid_motion=motion, noise=noise, H=H, origin=origin,
         inertia=None if (inertia := sub.rigid_inertia()) is None else inertia.projected(V),
         estimate=None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff))
-    model._set(wider=Wider(weakref.ref(sub), sub if sub.size <= DENSE else None, method.held))
+    model._set(wider=Wider.of(sub, method.held))
     model = method.finished(sub, model)
     log.info("%r", model)
     return model

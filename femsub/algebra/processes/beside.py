@@ -22,7 +22,7 @@ from mmap import mmap
 from pathlib import Path
 from select import POLLIN, poll
 from threading import Thread, current_thread, main_thread
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -33,7 +33,7 @@ from femsub.algebra.processes.stored import bytes_of, load, store
 from femsub.algebra.processes.system import environment_of_workers, libc
 from femsub.algebra.processes.threads import cores, libraries, one_thread
 from femsub.algebra.processes.waiting import is_stopped
-from femsub.checks import Array, temporary
+from femsub.checks import Array, NotEnoughMemoryError, temporary
 
 T = TypeVar("T")
 log = logging.getLogger(__name__)
@@ -208,6 +208,14 @@ class Process:
         if cores() == 1 or not Path(sys.executable or "").name.startswith("python"):
             return False
         return (free := available()) is not None and free >= need
+
+    @classmethod
+    def if_room(cls, need: float, things: Callable[[], tuple[Any, ...]]) -> Self | None:
+        """The process for the constructor's arguments `things()`, if it has room (`has_room`) and starts; else None."""
+        if cls.has_room(need):
+            with suppress(OSError, NotEnoughMemoryError):
+                return cls(*things())
+        return None
 
     def ask(self, value: float) -> None:
         """Send the number that `awaited` waits for."""
