@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import scipy.sparse as sp
 
 import femsub as fs
 from benchmarks.lattices import lattice, membrane
+from femsub.algebra import QUADRATIC
 from femsub.algebra.petsc import SparseFactor
 from femsub.modes import match
 from femsub.modes.quadratic import dense, search, sparse
@@ -349,6 +351,40 @@ def test_those_nearest_to_0_come_from_a_projection(share: float, monkeypatch: py
     assert len(exact) > 4 and found.evidence == "certified" and found.backward_error.max() < 1e-13
     assert len(found) == 8  # a pair is never split
     np.testing.assert_allclose(np.sort(np.abs(found.eigenvalues))[::2], exact[:4], rtol=1e-10)
+
+
+@pytest.mark.parametrize("ask", [{"band": (0.0, 1.2e4)}, {"band": (4e3, 1.2e4)}, {"count": 22}])
+@pytest.mark.parametrize(("alpha", "beta"), [(0.0, 0.0), (0.0, 1e-7), (30.0, 1e-7)])
+def test_floating_models_need_no_search(alpha: float, beta: float, ask: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """λ = 0 of rigid motion is known; where air resists it, six equal λ = -α are beside it. λ² + (α + βω²)λ + ω² = 0."""
+    free = fs.solid(fs.block((1.0, 0.3, 0.1), (16, 6, 5), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
+    omega = fs.normal_modes(free, count=14).frequencies[6:]
+    assert free.size > QUADRATIC
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("PEP was asked")
+
+    monkeypatch.setattr("femsub.modes.quadratic.sparse.quadratic_modes", never)
+    found = fs.complex_modes(fs.Pencil(free.M, sp.csr_array(alpha * free.M + beta * free.K), free.K), **ask)
+    assert found.evidence == "certified" and found.backward_error.max() < 1e-13
+    half = (alpha + beta * omega**2) / 2
+    upper = -half + 1j * np.sqrt(omega**2 - half**2)
+    if "count" in ask:
+        np.testing.assert_array_equal(found.eigenvalues[:6], 0)
+        assert (np.abs(found.eigenvalues[6:12] + alpha) <= found.error_bar[6:12]).all()
+        assert found.error_bar[6:12].max() <= 1e-3 * alpha
+        np.testing.assert_allclose(found.eigenvalues[12:22:2], upper[:5], rtol=1e-9)
+        return
+    inside = upper[(upper.imag > ask["band"][0]) & (upper.imag < ask["band"][1])]
+    moving = found.eigenvalues[found.eigenvalues.imag > 1.0]
+    assert len(inside) > 1 and len(moving) == len(inside)
+    np.testing.assert_allclose(moving, inside, rtol=1e-9)
+    still = found.eigenvalues.imag <= 1.0
+    rest, order = found.eigenvalues[still], np.argsort(found.eigenvalues[still])
+    expected = np.sort(np.repeat([0.0, -alpha], 6)) if ask["band"][0] == 0 else np.zeros(0)
+    assert len(rest) == len(expected) and found.error_bar[still].max(initial=0.0) <= 1e-3 * alpha
+    assert (np.abs(rest[order] - expected) <= found.error_bar[still][order]).all()
+    assert found.rigid.sum() == (rest == 0).sum()
 
 
 def test_where_no_projection_counts_no_wider_disc_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:

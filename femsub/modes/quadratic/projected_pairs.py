@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from femsub.algebra import ROUNDING, SUMS, Handle, divided, fork_pays, shared_zeros, times
-from femsub.checks import EPS, Array, Matrix
+from femsub.algebra import ROUNDING, SUMS, divided, fork_pays, shared_zeros, times
+from femsub.checks import EPS, EQUAL, Array, Matrix
+from femsub.model import costs
 from femsub.modes.quadratic.matching import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
@@ -32,11 +33,20 @@ TOGETHER = 1e-3
 def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Array, Array] | None:
     """The eigenpairs inside the contour, Im λ ≥ 0: λ (k,) and X (n, k), to rounding. None if corrections do not converge.
 
-    If a fork pays, each process corrects at most `together` clusters at once: each needs the memory of some twenty vectors.
+    λ is exactly 0 for rigid motion: once where other parts of the pencil act on it, else twice. If a fork pays, each process
+    corrects at most `together` clusters at once: each needs the memory of some twenty vectors.
     """
-    values = small.each
-    at = np.flatnonzero(small.contour.encloses(values) & (values.imag >= 0))
-    return _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at, 0.0, together)
+    values, basis = small.each, _basis(small)
+    driven = basis.driven  # without motions on which stiffness acts, or from which friction takes a force
+    for K in [pencil.K, pencil.K.T][:(2 - pencil.symmetric[2]) * bool(driven.size)]:
+        driven = driven[:, costs(K, driven)[0] <= EQUAL]
+    moving = np.argsort(np.abs(values), kind="stable")[driven.shape[1]:]  # V does not contain motion on which nothing acts
+    at = np.intersect1d(moving, np.flatnonzero(small.contour.encloses(values) & ((values.imag >= 0) | _nearly_real(values))))
+    found = _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at, 0.0, together)
+    if found is None:
+        return None
+    Z = np.hstack([basis.free, driven, basis.free])
+    return np.append(found[0], np.zeros(Z.shape[1])), np.hstack([found[1], Z / np.linalg.norm(Z, axis=0)])
 
 
 def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error: float = 0.01,
@@ -44,8 +54,16 @@ def left_vectors(small: Coupling, pencil: Pencil, values: Array, X: Array, error
     """Left vectors (n, k) of eigenvalues (k,) with the right vectors X, up to a relative `error`.
 
     None if a left vector contains more than `error` of another mode. This is seen from yᴴ((λ_i + λ_j)M + D)x, which vanishes for
-    two different eigenvalues. One per cent is enough for error bars. `together` is as in `right_pairs`.
+    two different eigenvalues. One per cent is enough for error bars. `together` is as in `right_pairs`, whose rigid motion Z
+    fulfils ZᵀK = 0.
     """
+    if (still := values == 0).any():
+        moving = left_vectors(small, pencil, values[~still], X[:, ~still], error, together)
+        if moving is None:
+            return None
+        Y = X.astype(complex)
+        Y[:, ~still] = moving
+        return Y
     finite = np.flatnonzero(small.nu)
     at = finite[match(values, small.each[finite])[1]]
     transposed = tuple(part if same else sp.csr_array(part.T)
@@ -71,7 +89,7 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
 
     Distant eigenpairs are corrected independently, so a forked process corrects half of them if that saves time.
     """
-    factor = _factor(small)
+    factor = _basis(small).factor
     if not fork_pays(factor, 10 * len(at)):  # each takes five sweeps or more, with two real columns
         return _together(small, matrices, norms, at, left)
     label = np.arange(len(at))
@@ -100,13 +118,20 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     Outside V, X changes by V VᵀR - A⁻¹R, with R = P(λ)X. This would be exact if P were A there. The change inside V follows from
     (VᵀPV)⁻¹ = Σ x_j z_jᴴ / (λ_j - s): λ_k changes by z_kᴴρ and x_k by -Σ x_j z_jᴴρ / (λ_j - λ_k), j ≠ k, where ρ is VᵀR after the
     first change. The corrections converge because A⁻¹(A - P) is small outside V, as the bound of the count shows. Eigenvalues
-    near each other are corrected together, with a matrix S instead of λ: MXS² + DXS + KX = 0.
+    near each other are corrected together, with a matrix S instead of λ: MXS² + DXS + KX = 0. Rounding may turn two equal real λ
+    into a pair: they become real again, with the shapes Re x and Im x.
     """
-    V, factor, left = small.basis.V, _factor(small), error_of_left > 0
+    basis, left = _basis(small), error_of_left > 0
+    V, factor = basis.V, basis.factor
     finite = np.flatnonzero(small.nu)
     x, z = (part[:, finite] for part in ((small.z, small.x) if left else (small.x, small.z)))
     each = small.each[finite].conj() if left else small.each[finite]
     at = np.searchsorted(finite, at)
+    for one in at[(each.imag[at] > 0) & _nearly_real(each[at])]:
+        two = np.flatnonzero(each == each[one].conj())[0]
+        for part, share in ((x, 1), (z, 2)):  # z stays dual to x
+            part[:, two], part[:, one] = share * part[:, one].imag, share * part[:, one].real
+        each[[one, two]] = each[one].real
     values = each[at]
     real = values.imag == 0
     still = np.sqrt(2 * V.shape[1] * EPS) * small.unit  # rounding splits the double eigenvalue 0 of rigid motion by this
@@ -118,11 +143,12 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
         label[group] = group[0]
     here, Xh, found = np.arange(len(at)), X, np.empty_like(X)
     errors = _Errors(len(at))
-    inner = [part.T if left else part for part in small.basis.matrices[::-1]]  # VᵀMV, VᵀDV and VᵀKV
+    inner = [part.T if left else part for part in basis.matrices[::-1]]  # VᵀMV, VᵀDV and VᵀKV
     # VᵀR is 0 at first, and the basis knows A⁻¹R outside V
-    step, rho = _complex(small.basis.residuals(values.conj() if left else values, x[:, at], left)), 0j * x[:, at]
+    step, rho = _complex(basis.residuals(values.conj() if left else values, x[:, at], left)), 0j * x[:, at]
     error, falls = np.ones((2, len(at)))
     while True:  # until all pairs are solved, or one is stuck
+        step -= basis.free @ (basis.momenta.T @ step)  # A is small there, so that rounding would grow
         T, groups = S[np.ix_(here, here)], [np.flatnonzero(label[here] == group[0]) for group in among]
         after = rho + _applied(inner, rho, T, groups) - _complex(V.T @ _real(_applied(matrices, step, T, groups)))
         change, of_S = _change_inside(z.conj().T @ after, T, each, at[here], groups)
@@ -155,8 +181,15 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     for group in among:
         values[group], turn = np.linalg.eig(S[np.ix_(group, group)])
         X[:, group] = X[:, group] @ turn
+        if real[group].any() and np.iscomplex(values[group]).any():  # they are a pair
+            return None
     values[real], X[:, real] = values[real].real, X[:, real].real
     return (values, X / np.linalg.norm(X, axis=0)) if np.isfinite(values).all() else None
+
+
+def _nearly_real(values: Array) -> Array:
+    """Which λ may be one of two equal real λ that rounding has turned into a pair; they are corrected together."""
+    return np.abs(values.imag) < TOGETHER / 2 * np.abs(values)
 
 
 class _Errors:
@@ -214,9 +247,9 @@ def _change_inside(inside: Array, T: Array, each: Array, own: Array, groups: lis
     return change, more
 
 
-def _factor(small: Coupling) -> Handle:
+def _basis(small: Coupling) -> Projection:
     assert isinstance(small.basis, Projection)
-    return small.basis.factor
+    return small.basis
 
 
 def _lengths(A: Array) -> Array:

@@ -252,7 +252,7 @@ def _corrected(projection: Projection, pencil: Pencil, count: Count, region: Reg
     small = copy(projection.counted)
     if small is not None:
         if region.box is None:
-            size, last = sizes_up_to(small.values, region.count or 0)
+            size, last = sizes_up_to(count.values, region.count or 0)
             apart = np.flatnonzero(np.diff(size[last:]) > TOGETHER * size[last + 1:])
             beyond = size[last + (apart[0] if len(apart) else 0)] * (1 + TOGETHER / 2)
             small.contour = Contour(max(small.contour.radius, float(beyond)))
