@@ -45,6 +45,7 @@ from femsub.algebra import (
 )
 from femsub.checks import (
     EPS,
+    EQUAL,
     Array,
     FemsubError,
     Matrix,
@@ -53,7 +54,7 @@ from femsub.checks import (
     NotEnoughMemoryError,
     SingularMatrixError,
 )
-from femsub.model import contact_matrix
+from femsub.model import contact_matrix, costs
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
 from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights, few_at_a_time
@@ -249,6 +250,13 @@ class Projection(EnergyBasis):
     def coercivity(self, re: tuple[float, float], top: float) -> float:
         """c; 1 if V and rigid motion span the whole space."""
         return 1.0 if self.size + self.free.shape[1] == len(self.V) else super().coercivity(re, top)
+
+    def damped_motion(self, pencil: Pencil) -> Array:
+        """The rigid motions Z with KZ = 0 and ZᵀK = 0 on which other parts of this pencil act, (n, r): λ = 0 once for each."""
+        found = self.driven
+        for K in [pencil.K, pencil.K.T][:(2 - pencil.symmetric[2]) * bool(found.size)]:
+            found = found[:, costs(K, found)[0] <= EQUAL]
+        return found
 
     def completed(self) -> bool:
         """Extend V to the whole space, if the model is small enough for LAPACK; return whether V has grown."""

@@ -14,8 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from femsub.algebra import ROUNDING, SUMS, divided, fork_pays, shared_zeros, times
-from femsub.checks import EPS, EQUAL, Array, Matrix
-from femsub.model import costs
+from femsub.checks import EPS, Array, Matrix
 from femsub.modes.quadratic.matching import HALF, clusters, match
 from femsub.modes.quadratic.projected_count import Projection
 
@@ -37,9 +36,7 @@ def right_pairs(small: Coupling, pencil: Pencil, together: int = 16) -> tuple[Ar
     corrects at most `together` clusters at once: each needs the memory of some twenty vectors.
     """
     values, basis = small.each, _basis(small)
-    driven = basis.driven  # without motions on which stiffness acts, or from which friction takes a force
-    for K in [pencil.K, pencil.K.T][:(2 - pencil.symmetric[2]) * bool(driven.size)]:
-        driven = driven[:, costs(K, driven)[0] <= EQUAL]
+    driven = basis.damped_motion(pencil)
     moving = np.argsort(np.abs(values), kind="stable")[driven.shape[1]:]  # V does not contain motion on which nothing acts
     at = np.intersect1d(moving, np.flatnonzero(small.contour.encloses(values) & ((values.imag >= 0) | _nearly_real(values))))
     found = _corrected(small, (pencil.M, pencil.D, pencil.K), pencil.norms, at, 0.0, together)
