@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import contextlib
 import importlib.metadata
+import importlib.util
 import io
 import os
 import re
@@ -145,8 +146,13 @@ def test_what_is_printed_keeps_numpy_when_it_is_typed(tmp_path: Path) -> None:
                                  ("pyyeti", "9.0", f"numpy>={major + 1}"), ("pyyeti", "8.0", f"numpy>={major}")):
         wheel(tmp_path, name, version, needs)
     environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(tmp_path), "PIP_CONFIG_FILE": os.devnull}
-    subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "venv")], check=True)
     python = str(tmp_path / "venv" / "bin" / "python")
+    pip = importlib.util.find_spec("pip")
+    assert pip is not None and pip.origin is not None
+    purelib = subprocess.run([python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], capture_output=True,
+                             text=True, check=True).stdout.strip()
+    (Path(purelib) / "pip").symlink_to(Path(pip.origin).parent)  # ensurepip takes seconds
     subprocess.run([python, "-m", "pip", "install", f"numpy=={major}.99"], env=environment, check=True, capture_output=True)
     loaded = f"import sys; sys.modules['femsub'] = m = type(sys)('femsub'); " \
              f"m.__path__ = [{str(ROOT / 'femsub')!r}]; from femsub.checks import installed_by; print(installed_by('pyyeti'))"

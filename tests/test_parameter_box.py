@@ -443,7 +443,7 @@ M0 = Path(__file__).parents[2] / "shared" / "brake-m0"
 @pytest.mark.rare
 @pytest.mark.skipif(not M0.exists(), reason="the matrices of brake M0 are not there")
 def test_brake_m0_over_all_speeds():
-    """The page docs/tutorials/public-brake.md shows the same, and its test runs with the slow ones."""
+    """The page docs/tutorials/public-brake.md shows half of the band, and its test runs with the slow ones."""
     read = {name: sp.csr_array(next(value for key, value in loadmat(M0 / f"{name}.mat").items() if key[0] != "_")).astype(float)
             for name in ("BMLL", "BDLL", "BDIWLL", "BYLL", "BHLL", "BKLL", "BKQLL", "BWLL")}
     full = fs.Affine(read["BMLL"], [(1.0, read["BDLL"]), (inverse, read["BDIWLL"]), ("speed", read["BYLL"]),
