@@ -210,7 +210,7 @@ def test_a_sweep_takes_workers(threads: ThreadPoolExecutor, band: tuple[float, f
 
 @pytest.mark.slow
 def test_a_sparse_sweep_by_two_processes_has_the_digits_of_one() -> None:
-    model, slopes = fs.chain(2400, belt=2), np.linspace(-0.04, -0.02, 3)
+    model, slopes = fs.chain(2400, belt=2), np.linspace(-0.04, -0.02, 5)
     versions()  # loads PETSc, whose BLAS is then among those that are held to one thread, as in the workers
     with one_thread(True):
         alone = fs.sweep(model, fs.Belt(slope=0.0), "slope", slopes, band=(0.0, 0.05))
