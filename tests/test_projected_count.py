@@ -551,13 +551,13 @@ def test_friction_outside_of_the_basis_does_not_keep_corrections_from_converging
 BRAKE = Path(__file__).parent.parent.parent / "shared" / "brake-m0"
 
 
-@pytest.mark.slow
+@pytest.mark.rare
 @pytest.mark.skipif(not BRAKE.is_dir(), reason=f"the matrices of a brake are not in {BRAKE}")
-@pytest.mark.parametrize("turns", [2, *(pytest.param(turns, marks=pytest.mark.rare) for turns in (1, 4))])
+@pytest.mark.parametrize("turns", [1, 2, 4])
 def test_the_public_brake_with_its_material_damping_is_certified(turns: int) -> None:
     """37 eigenvalues, one of which grows; 230 shapes are strongly damped (Gräbner et al., ZAMM 96 (2016) 1388).
 
-    One turn a second is on the page docs/tutorials/public-brake.md.
+    Slow tests do the same at 1 turn a second (docs/tutorials/public-brake.md) and at 7.5 (tests/test_public_brake.py).
     """
     M, D1, DG, DR, D4, K1, KR, KG = (
         sp.csr_array(next(value for name, value in loadmat(BRAKE / f"{file}.mat").items() if not name.startswith("_")))

@@ -63,12 +63,13 @@ def chain(folder: Path, text: str) -> tuple[Path, str]:
 
 @pytest.fixture(scope="module")
 def chain_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    return chain(tmp_path_factory.mktemp("chain"), paper())
+    """Without figures, which `test_chain_writes_tables_and_figures` draws."""
+    return chain(tmp_path_factory.mktemp("chain"), "figures = false\n" + paper())
 
 
 @pytest.mark.slow
-def test_chain_writes_tables_and_figures(chain_run: tuple[Path, str]) -> None:
-    folder, _ = chain_run
+def test_chain_writes_tables_and_figures(tmp_path: Path) -> None:
+    folder, _ = chain(tmp_path, paper())
     shape = "eigenvalues-shape"
     pictures = {"friction-law", "critical-slope", "growth", "size-sweep", "eigenvalues", "error-time", shape,
                 "eigenvalues-unstable"}

@@ -208,7 +208,7 @@ def test_a_mode_that_neither_grows_nor_decays_is_undecided_unless_it_is_rigid(st
 def test_fields_of_contacts_are_parameters() -> None:
     """c = force · slope, which the chain with its belt under m2 takes up to -0.025567."""
     chain = fs.chain(10, belt=2)
-    found = fs.stability_map(chain, {"slope": (-0.03, -0.01), "force": (0.5, 2.0)}, contacts=fs.Belt(slope=0.0), points=(9, 8))
+    found = fs.stability_map(chain, {"slope": (-0.03, -0.01), "force": (0.5, 2.0)}, contacts=fs.Belt(slope=0.0), points=(6, 5))
     critical = float(fs.critical_slope(chain))
     first = max(found.borders, key=lambda line: line.points.prod(axis=1).max())
     assert first.points.prod(axis=1) == pytest.approx(critical, rel=1e-5)

@@ -678,7 +678,7 @@ def test_a_full_target_is_named_not_the_temporary_folder(arm: Any, tmp_path: Pat
 @pytest.mark.slow
 def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The frames of all recovered motions were a full matrix: 36 GB for 60,000 of them."""
-    full = fs.solid(fs.block((1.0, 0.1, 0.1), (75, 2, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],
+    full = fs.solid(fs.block((1.0, 0.1, 0.1), (45, 2, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0), interface=["right"],
                     supports=["left"], name="bar")
     rom = fs.reduce(full, fs.CraigBampton(1))
     fs.write_superelement(tmp_path, rom, "dmig", recover="all")
@@ -692,7 +692,7 @@ def test_recovered_motions_are_read_without_a_square_of_their_number(tmp_path: P
     found = read(tmp_path / "bar.pch")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert len(found.V) > 2000 and 0 < peak < 8 * len(found.V) ** 2 / 2
+    assert len(found.V) > 1200 and 0 < peak < 8 * len(found.V) ** 2 / 2
 
 
 @pytest.mark.parametrize("program", ["nastran", "dmig"])

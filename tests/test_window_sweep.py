@@ -79,7 +79,7 @@ def test_it_meets_all_eigenvalues_that_cross_a_line_beside_the_axis(rate: float)
     (met, left), = sweep_of(rubbing(0)).swept([line])
     assert not left
     exact, before = [], eigenvalues(0.0)
-    for a, b in pairwise(np.linspace(0.0, 1.0, 101).tolist()):
+    for a, b in pairwise(np.linspace(0.0, 1.0, 51).tolist()):
         after = eigenvalues(b)
         after = after[np.abs(before[:, None] - after).argmin(axis=1)]
         for z, to in zip(before, after, strict=True):
