@@ -14,7 +14,9 @@ import femsub as fs
 from benchmarks.attacks import critical_values as attack
 from benchmarks.attacks.borders import kinks
 from femsub.checks import Tally
+from femsub.stability.critical_value import question_of
 from femsub.stability.crossings import Crossing, fed_by
+from femsub.stability.discs import Discs
 from femsub.stability.exclusion import Family, _Discs
 from femsub.stability.parameter import SAMPLED_AT, pencil_over
 
@@ -48,6 +50,24 @@ def test_an_excluded_interval_holds_no_crossing(seed: int) -> None:
         wide = np.array([part.end - part.begin for part in known]) > 1e-5
         assert np.array_equal(counts[wide], np.array([part.growing for part in known])[wide])
     assert all(one.growing == two.growing for one, two in pairwise(parts) if None not in (one.growing, two.growing))
+
+
+@pytest.mark.parametrize("most", [0, 1, 10_000])
+def test_an_interval_beyond_the_limit_of_work_is_open_also_without_an_eigenvalue_in_the_band_at_its_middle(most: int) -> None:
+    """ω grows from 1 to 2, and damping ends where it passes the narrow band."""
+    family = fs.Affine([[1.0]], [(0.02, [[1.0]]), ("p", [[-0.1]])], [(1.0, [[1.0]]), ("p", [[3.0]])])
+    found = Discs(most=most).solve(question_of(family, None, "p", (0.0, 1.0), (1.2, 1.35)))
+    assert len(found.losses) == 1 or found.evidence == "not checked"
+    assert (found.evidence == "certified") == (most > 1)
+
+
+def test_crossings_outside_the_band_are_not_bracketed() -> None:
+    """The damping of a mode above the band changes its sign 64 times; that of the mode in the band once."""
+    family = fs.Affine(np.eye(2), [("p", [[-0.2, 0.0], [0.0, 0.0]]), (lambda p: np.sin(200 * p), [[0.0, 0.0], [0.0, 0.1]]),
+                                   (0.1, [[1.0, 0.0], [0.0, 0.0]])], np.diag([1.0, 9.0]))
+    found = fs.critical_value(family, None, "p", between=(0.0, 1.0), band=(0.0, 2.0))
+    assert found.evidence == "confirmed" and [one.value for one in found.losses] == [pytest.approx(0.5)]
+    assert found.solved < fs.critical_value(family, None, "p", between=(0.0, 1.0)).solved / 2
 
 
 def test_a_piece_that_reaches_an_end_is_cut_there_to_the_last_digit() -> None:

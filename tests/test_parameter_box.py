@@ -393,17 +393,28 @@ def test_values_outside_the_box_are_refused():
         small.modes(mu=0.5)
 
 
-def test_friction_that_makes_the_stiffness_indefinite():
+@pytest.mark.parametrize("constant", [False, True])
+def test_friction_that_makes_the_stiffness_indefinite(constant):
     n, random = 60, np.random.default_rng(3)
     K = np.diag(np.full(n, 2.0)) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
     rub = np.zeros((n, n))  # the normal force at one DOF pushes at another, a hundred times as stiff as the chain
     rub[[40, 45, 50], [10, 15, 20]] = 100.0
     assert np.linalg.eigvalsh(K + 0.9 * (rub + rub.T) / 2)[0] < -10
-    full = fs.Affine(np.eye(n), 1e-3 * K, [(1.0, K + np.diag(np.isin(np.arange(n), [10, 15, 20]) * 100.0)), ("mu", rub)])
+    changing = [(0.9, rub), ("mu", 1e-2 * K)] if constant else [("mu", rub)]
+    full = fs.Affine(np.eye(n), 1e-3 * K, [(1.0, K + np.diag(np.isin(np.arange(n), [10, 15, 20]) * 100.0)), *changing])
     band = (0.0, 0.3)
     small = fs.reduce(full, fs.ParameterBox({"mu": (0.8, 1.0)}, band))
     assert small.evidence == "certified"
     check(small, full.at, band, [{"mu": mu} for mu in random.uniform(0.8, 1.0, 5).tolist()])
+
+
+@pytest.mark.filterwarnings("error:invalid value", "ignore:.*of the box is not proved")
+def test_a_cell_in_which_two_changes_have_no_bound_is_halved_without_a_warning_of_numpy():
+    """Each of them moves all shapes by almost their stiffness, and only in the middle of the box neither of them acts."""
+    K = 2 * np.eye(60) - np.eye(60, k=1) - np.eye(60, k=-1)
+    full = fs.Affine(np.eye(60), 1e-3 * K, [(1.0, K), ("p", K), ("q", 2 * K)])
+    small = fs.reduce(full, fs.ParameterBox({"p": (-0.9, 0.9), "q": (-0.8, 0.8)}, (0.0, 0.5), cells=1))
+    assert small.open_share == 1.0
 
 
 @pytest.mark.filterwarnings("ignore:the error over the box")

@@ -87,9 +87,8 @@ class _Maker:
         terms = [(power, matrix) for power, several in ((2, family.M), (1, family.D), (0, family.K)) for _, matrix in several]
         middle, half = (lo + hi) / 2, (hi - lo) / 2
         varies = half > 0 if box.ranges else np.arange(len(terms)) == len(terms) - 1
-        turns = np.array([not is_symmetric(matrix) and power < 2 and one
-                          for one, (power, matrix) in zip(varies, terms, strict=True)])
-        rubs = turns & [power == 0 for power, _ in terms]
+        unsymmetric = np.array([power < 2 and not is_symmetric(matrix) for power, matrix in terms])
+        turns, rubs = unsymmetric & varies, unsymmetric & (varies | bool(box.ranges)) & [power == 0 for power, _ in terms]
         # strong friction may make (K + Kᵀ)/2 indefinite: the reference is then the system without friction
         for self.middle in (middle, np.where(rubs, 0.0, middle))[:1 + rubs.any()]:
             self.varied = np.flatnonzero((half > 0) | (self.middle != middle))

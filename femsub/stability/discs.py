@@ -47,7 +47,7 @@ class Discs:
             if question.floats or family.floating:
                 raise InputError("the model floats or has a motion without stiffness over the whole range. Hold it with supports "
                                  "or springs")
-            parts = family.parts(self.most)
+            parts = family.parts(self.most, question.band)
             # The crossings in the band, in the intervals that are not excluded. Wide intervals are open. A narrow one is open if
             # the modes that cross do not explain the change in the number of growing modes, or if no mode crosses. But at an end
             # of the range a mode may touch the axis without crossing it
@@ -70,8 +70,7 @@ class Discs:
                 narrow = part.end - part.begin <= width
                 crossed = settled(family, (part.begin, part.end), room, (before, after)) if narrow else None
                 if crossed is None or not (edge or any(crossed)):
-                    heights = np.abs(np.imag(part.touching))
-                    if len(heights) and not in_band(heights, limits).any():  # outside the band, so not listed
+                    if not part.meets(limits):
                         listed, last = listed + (0 if after is None else after - before), before
                         continue
                     left.append((part.begin, part.end))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from femsub.model import Pencil
 
 SLOWEST = 1e-6  # times the highest ω: smallest scale of a displacement in the state
+ANYWHERE = ((0.0, np.inf),)  # heights of which nothing is known
 RESOLUTION = 1e-11  # share of the range: an interval of this width is not divided any more
 
 
@@ -52,12 +53,19 @@ class Decomposition(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A part of the range with `growing` eigenvalues throughout, or (None) not excluded, with the z that may touch the axis."""
+    """A part of the range with `growing` eigenvalues throughout, or (None) not excluded.
+
+    `heights` are ranges of |Im λ| that contain each eigenvalue which may touch the axis anywhere in such a part.
+    """
 
     begin: float
     end: float
     growing: int | None
-    touching: tuple[complex, ...] = ()
+    heights: tuple[tuple[float, float], ...] = ()
+
+    def meets(self, band: tuple[float, float]) -> bool:
+        """Whether an eigenvalue that may touch the axis may be in the band."""
+        return not self.heights or any(low <= band[1] and high >= band[0] for low, high in self.heights)
 
 
 class Family:
@@ -167,13 +175,13 @@ class Family:
                 towards = self.safety * np.abs(np.einsum("kii->ki", rest).real).max(axis=0)
             discs = _discs(found.z, h, found.inverse @ slope @ found.V, found.noise + curved, found.noise.diagonal() + towards)
         if discs is None:
-            return [Stretch(begin, end, None, tuple(found.z))]
+            return [Stretch(begin, end, None, ANYWHERE)]
         touching, on_axis = _touching(discs, self.mirrored)
         growing = int(np.count_nonzero(found.z.real[~on_axis & ~touching] > 0))
         if not touching.any():
             return [Stretch(begin, end, growing)]
         cut = self._cut(discs, touching, growing, begin, end)
-        return [Stretch(begin, end, None, tuple(found.z[touching]))] if cut is None else cut
+        return [Stretch(begin, end, None, discs.heights(touching))] if cut is None else cut
 
     def _cut(self, discs: _Discs, touching: Array, growing: int, begin: float, end: float) -> list[Stretch] | None:
         """The interval in excluded parts, and windows in which a clear disc may reach the axis.
@@ -200,7 +208,7 @@ class Family:
         for i, (lo, hi) in enumerate(pairwise(edges)):
             inner = growing + int(np.count_nonzero(rate + ((lo + hi) / 2 - middle) * speed > 0))
             if lo < hi:
-                result.append(Stretch(lo, hi, None, tuple(discs.z[touching])) if i % 2 else Stretch(lo, hi, inner))
+                result.append(Stretch(lo, hi, None, discs.heights(touching)) if i % 2 else Stretch(lo, hi, inner))
         return result
 
     def grown(self, p: float) -> tuple[Array, bool]:
@@ -213,34 +221,49 @@ class Family:
         touching, on_axis = _touching(discs, self.mirrored)
         return (found.z.real > 0) & ~on_axis & ~touching, bool(touching.any())
 
-    def parts(self, most: int) -> list[Stretch]:
-        """The range as a sequence of intervals, divided until each is excluded or narrow. After `most` tests, others are open."""
+    def parts(self, most: int, band: tuple[float, float] = (0.0, np.inf)) -> list[Stretch]:
+        """The range as a sequence of intervals, divided until each is excluded or narrow. After `most` tests, others are open.
+
+        An interval in which only eigenvalues outside the band may touch the axis is left as it is, unless it meets a narrow one.
+        """
         (lo, hi), least = self.between, self.least
         # 32 intervals at first if A is not affine: samples a whole range apart would show little
         edges = sorted({lo, hi} if self.affine else {*np.linspace(lo, hi, 33).tolist(), *self.kinks})
-        waiting, done = sorted((a - b, a, b) for a, b in pairwise(edges)), []
+        waiting, done, aside = sorted((a - b, a, b) for a, b in pairwise(edges)), list[Stretch](), list[Stretch]()
+
+        def divide(begin: float, end: float) -> None:
+            m = (begin + end) / 2
+            for a, b in ((begin, m), (m, end)):
+                heapq.heappush(waiting, (a - b, a, b))
+
         for _ in range(most):
+            if not waiting:  # a window can only be settled between excluded intervals
+                ends = {end for part in done if part.growing is None and part.meets(band) for end in (part.begin, part.end)}
+                beside = [part for part in aside if ends & {part.begin, part.end}]
+                for part in beside:
+                    aside.remove(part)
+                    divide(part.begin, part.end)
             if not waiting:
                 break
             _, a, b = heapq.heappop(waiting)
             for part in self.tested(a, b):
-                if part.growing is not None or (part.touching and part.end - part.begin <= least):
+                if part.growing is not None or (part.heights and part.end - part.begin <= least):
                     done.append(part)
+                elif not part.meets(band):
+                    aside.append(part)
                 elif part.end - part.begin < (b - a) / 2:
                     heapq.heappush(waiting, (part.begin - part.end, part.begin, part.end))
                 elif all(self.grown(p)[1] for p in ((a + b) / 2, (3 * a + b) / 4, (a + 3 * b) / 4)):
                     done.append(part)  # rounding alone leaves open which eigenvalues grow: dividing does not help
                 else:
-                    m = (a + b) / 2
-                    for begin, end in ((a, m), (m, b)):
-                        heapq.heappush(waiting, (begin - end, begin, end))
-        done += [Stretch(a, b, None, tuple(self.spectrum((a + b) / 2).z)) for _, a, b in waiting]
+                    divide(a, b)
+        done += [*aside, *(Stretch(a, b, None, ANYWHERE) for _, a, b in waiting)]
         # Neighbours that are not excluded become one. Between excluded neighbours with different numbers there is a crossing.
         result: list[Stretch] = []
         for part in sorted(done, key=lambda part: part.begin):
             last = result[-1] if result else None
             if last is not None and last.growing is None and part.growing is None:
-                result[-1] = Stretch(last.begin, part.end, None, (*last.touching, *part.touching))
+                result[-1] = Stretch(last.begin, part.end, None, (*last.heights, *part.heights))
                 continue
             if last is not None and None not in (last.growing, part.growing) and last.growing != part.growing:
                 result.append(Stretch(last.end, last.end, None))
@@ -281,6 +304,11 @@ class _Discs(NamedTuple):
     @property
     def rest(self) -> Array:
         return np.asarray(self.F.sum(axis=1) - self.F.diagonal())
+
+    def heights(self, at: Array) -> tuple[tuple[float, float], ...]:
+        """The ranges of |Im λ| of some of the discs."""
+        middle, half = np.abs(self.z.imag[at]), (np.abs(self.drift.imag) + self.F.sum(axis=1))[at]
+        return tuple(zip((middle - half).tolist(), (middle + half).tolist(), strict=True))
 
     def reach(self, radius: Array) -> Array:
         """How far each disc may reach towards the axis, with `radius` (m,) from the entries off the diagonal."""

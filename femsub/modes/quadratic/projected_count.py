@@ -319,7 +319,7 @@ class Projection(EnergyBasis):
         if c <= 0:
             for q in np.flatnonzero(self.half):  # the loss of c by each change
                 others = self.changed(self.theta, np.where(np.arange(len(self.half)) == q, 0.0, self.half))
-                self.blamed[q] = others.least - c
+                self.blamed[q] = others.least - c if np.isfinite(c) else np.isfinite(others.least)
             self.why = ("inertia, damping and gyroscopic forces of shapes outside the basis may reach "
                         f"{1 - c:.2g} times their stiffness")
             return None
@@ -345,7 +345,7 @@ class Projection(EnergyBasis):
                     self._parts = whole, self.images_outside()
                 changes, outside = self._parts
                 cell = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)), outside)
-                margin, new, self.blamed, s = cell.margin()
+                margin, new, self.blamed[self.half > 0], s = cell.margin()
                 place = f" at s = {s:.5g} for all values"
             if margin < SAFE:
                 self.counted, small.contour = small, contour
