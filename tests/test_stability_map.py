@@ -57,6 +57,15 @@ def test_an_island_is_a_closed_line_also_within_a_cell(radius: float, sign: floa
     assert line.omega == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("radius", [0.47, 0.2])
+def test_an_island_in_a_wide_cell_between_narrow_ones_is_found(radius: float) -> None:
+    """Differences of values at unequal distances are no curvature: for a parabola about 0.5 they are 0 at 0.02 and 0.98."""
+    model = fs.Affine([[1]], [(lambda x, y: ((x - 0.5)**2 + (y - 0.5)**2) / radius**2 - 1, [[0.1]])], [[1]])
+    axis = [0.0, 0.02, 0.98, 1.0]
+    line, = fs.stability_map(model, {"x": axis, "y": axis}).borders
+    assert line.closed and np.hypot(*(line.points - 0.5).T) == pytest.approx(radius, rel=1e-5)
+
+
 def test_a_small_island_of_a_model_without_halving_is_not_seen() -> None:
     model = pairs(lambda x, y: 0.02**2 - (x - 0.54)**2 - (y - 0.55)**2)
     assert not fs.stability_map(model, SQUARE, points=(11, 11), halvings=0).borders

@@ -86,10 +86,13 @@ def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> lis
     """The cells, halved where a margin may pass 0 inside though at no corner, or where both corners of a diagonal have more."""
     most = max(one.growing for row in grid for one in row) + 1
     margins = np.array([[[one.margin(k) for k in range(most)] for one in row] for row in grid])
-    bends = np.zeros(margins.shape)
+    bends = np.zeros((2, *margins.shape))
+    sides = [np.diff(axis) for axis in nodes.axes]
     for axis in (0, 1):
-        if margins.shape[axis] > 2:
-            bends += np.pad(np.abs(np.diff(margins, 2, axis=axis)), [(int(one == axis),) * 2 for one in range(3)], mode="edge")
+        if margins.shape[axis] > 2:  # second derivatives: values may be given, at unequal distances
+            rows, apart = np.moveaxis(margins, axis, 0), sides[axis][:, None, None]
+            bend = 2 * np.abs(np.diff(np.diff(rows, axis=0) / apart, axis=0)) / (apart[1:] + apart[:-1])
+            bends[axis] = np.moveaxis(np.pad(bend, [(1, 1), (0, 0), (0, 0)], mode="edge"), 0, axis)
     done: list[MapCell] = []
     cells = [MapCell(step * i, step * j, step) for i, j in np.ndindex(margins.shape[0] - 1, margins.shape[1] - 1)]
     while cells and cells[0].side > 1:
@@ -98,7 +101,8 @@ def leaves(nodes: Nodes, grid: Sequence[Sequence[PointModes]], step: int) -> lis
             around = [nodes[corner] for corner in cell.corners]
             growing = [one.growing for one in around]
             i, j = cell.i // step, cell.j // step
-            bend = bends[i:i + 2, j:j + 2].max(axis=(0, 1)) / 4 * (cell.side / step) ** 2
+            wide = np.array([sides[0][i], sides[1][j]]) * cell.side / step
+            bend = np.tensordot(wide**2, bends[:, i:i + 2, j:j + 2], 1).max(axis=(0, 1)) / 4
             above, below = max(growing), min(growing) - 1  # the first margin that is negative, and the last above 0
             open_ = (above < most and bend[above] > -max(one.margin(above) for one in around)) \
                 or (below >= 0 and bend[below] > min(one.margin(below) for one in around)) \
