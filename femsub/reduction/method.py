@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ import scipy.sparse as sp
 
 from femsub.algebra import SMALL, SUMS, WORK, check_memory, kept_free, one_thread, slabs, without
 from femsub.checks import (
+    DENSE,
     EPS,
     EQUAL,
     Array,
@@ -431,7 +433,7 @@ def finished(request: Request, part: Partition, basis: Basis, statics: Statics |
         interface_dofs=sub.interface_dofs, sets=sub.sets, rigid_motion=motion, noise=noise, H=H, origin=origin,
         inertia=None if (inertia := sub.rigid_inertia()) is None else inertia.projected(V),
         estimate=None if basis.estimate is None else replace(basis.estimate, cutoff=cutoff))
-    model._set(wider=Wider.of(sub, method.held))
+    model._set(wider=Wider(weakref.ref(sub), sub if sub.size <= DENSE else None, method.held))
     model = method.finished(sub, model)
     log.info("%r", model)
     return model

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import weakref
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -11,7 +12,7 @@ from typing import Any, overload
 import scipy.sparse as sp
 
 from femsub.algebra import LARGE, WORK, check_workers, kept_free, one_thread, reduction_bytes, reused_memory, same, side_by_side
-from femsub.checks import InputError, InputTypeError, WorkerError, choice, instance, shown
+from femsub.checks import DENSE, InputError, InputTypeError, WorkerError, choice, instance, shown
 from femsub.coupling import Belt, System
 from femsub.model import Affine, Contacts, ReducedSubstructure, Substructure, family_of
 from femsub.reduction.basis import assembled
@@ -195,7 +196,7 @@ def _part_by_part(sub: Substructure, methods: Mapping[str, Method | ReducedSubst
     for name in first:  # models from workers have lost their reference to the full part
         part, method = system.parts[name], methods[name]
         assert isinstance(method, Method)
-        found[name]._set(wider=Wider.of(part, method.held))
+        found[name]._set(wider=Wider(weakref.ref(part), part if part.size <= DENSE else None, method.held))
     return system.with_parts(with_common_shapes(system, {name: found[name] for name in methods}))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from femsub.algebra import SINGULAR, orthonormal
-from femsub.checks import DENSE, Array
+from femsub.checks import Array
 from femsub.reduction.basis import Partition
 
 if TYPE_CHECKING:
@@ -35,10 +35,6 @@ class Wider:
     #: makes the part that is factorised; None: the part of the full component. A system in contact has another K
     part: Callable[[Substructure], Partition] | None = None
     known: dict[str, Partition] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, full: Substructure, held: bool) -> Wider:
-        return cls(weakref.ref(full), full if full.size <= DENSE else None, held)
 
     def __call__(self, model: ReducedSubstructure, omega: Array, q: Array, port: str | None) -> ReducedSubstructure | None:
         """The model with the responses to P(iω)Vq, q (r, k), and to the force on a port; None if there is no full component.
