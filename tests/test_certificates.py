@@ -15,7 +15,8 @@ from benchmarks.lattices import lattice, membrane
 from femsub.algebra import QUADRATIC
 from femsub.algebra.petsc import SparseFactor
 from femsub.modes import match
-from femsub.modes.quadratic import dense, search, sparse
+from femsub.modes.quadratic import dense, projected_pairs, search, sparse
+from femsub.modes.quadratic.matching import clusters
 from femsub.modes.quadratic.projected_count import Projection
 from femsub.modes.quadratic.region import Contour, Count
 
@@ -385,6 +386,32 @@ def test_floating_models_need_no_search(alpha: float, beta: float, ask: dict[str
     assert len(rest) == len(expected) and found.error_bar[still].max(initial=0.0) <= 1e-3 * alpha
     assert (np.abs(rest[order] - expected) <= found.error_bar[still][order]).all()
     assert found.rigid.sum() == (rest == 0).sum()
+
+
+def test_equal_real_values_that_rounding_makes_a_pair_are_corrected_by_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of two processes has some of the clusters, and neither would know a pair without its other half."""
+    monkeypatch.setattr(projected_pairs, "fork_pays", lambda *_: True)
+    free = fs.solid(fs.block((1.0, 0.3, 0.1), (8, 3, 2), "hexahedron"), fs.Material(2.1e11, 0.3, 7850.0))
+    pencil = fs.Pencil(free.M, sp.csr_array(30.0 * free.M), free.K).sparse().alike()
+    outer = Contour(sides=(-1e4, 1e4, 1e4))
+    projection = Projection(pencil, outer)
+    assert projection.on(lambda *_: outer) is not None
+    small = projection.counted
+    assert small is not None
+    real = np.flatnonzero((np.abs(small.each + 30.0) < 1e-3) & (small.each.imag == 0))
+    for one, two in zip(real[::2], real[1::2], strict=False):  # LAPACK may have made pairs of the others
+        for part, share in ((small.x, 1.0), (small.z, 0.5)):
+            part[:, one], part[:, two] = (share * (part[:, one] + sign * 1j * part[:, two]) for sign in (1, -1))
+        small.nu[[one, two]] = 1 / (small.each[one].real + np.array([1e-8j, -1e-8j]) - small.shift)
+    del small.each
+    assert (small.each.imag[np.abs(small.each + 30.0) < 1e-3] != 0).sum() > 3
+    found = projected_pairs.right_pairs(small, pencil, together=1)
+    assert found is not None
+    np.testing.assert_allclose(np.sort(found[0][found[0].imag == 0].real), np.repeat([-30.0, 0.0], 6), rtol=1e-6)
+
+
+def test_equal_negative_values_are_one_cluster_whatever_the_sign_of_their_zero() -> None:
+    assert [group.tolist() for group in clusters(np.array([complex(-1.0, 0.0), complex(-1.0, -0.0)]), 1e-9)] == [[0, 1]]
 
 
 def test_where_no_projection_counts_no_wider_disc_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:

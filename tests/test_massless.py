@@ -16,7 +16,7 @@ import scipy.sparse as sp
 import femsub as fs
 
 CLOSE = 1e-7  # of ω², relatively
-MODELS = 20  # that `test_random_massless_models` takes, with every third reduction; `sweep(range(500))` is the long run
+MODELS = 30  # that `test_random_massless_models` takes, with every third reduction; `sweep(range(500))` is the long run
 LARGEST = 1e6  # a column of V, in units of the largest motion that the full model's modes and static shapes have
 
 

@@ -136,7 +136,7 @@ def clusters(values: Array, radius: float) -> list[Array]:
     zeros, at = np.flatnonzero(size == 0), np.flatnonzero(size)
     found = [zeros] if len(zeros) > 1 else []
     if len(at) > 1:
-        relative = np.stack([np.log(size[at]), np.angle(values[at])], axis=1)
+        relative = np.stack([np.log(size[at]), np.angle(values[at] + 0.0)], axis=1)  # 0.0: no real λ < 0 has the angle -π
         pairs = cKDTree(relative).query_pairs(radius, output_type="ndarray")
         if not len(pairs):  # of most small models
             return found

@@ -89,8 +89,8 @@ def _corrected(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float
     factor = _basis(small).factor
     if not fork_pays(factor, 10 * len(at)):  # each takes five sweeps or more, with two real columns
         return _together(small, matrices, norms, at, left)
-    label = np.arange(len(at))
-    for group in clusters(small.each[at], TOGETHER):
+    label, each = np.arange(len(at)), small.each[at]
+    for group in clusters(np.where(_nearly_real(each), each.real, each), TOGETHER):
         label[group] = group[0]
     order = np.argsort(label, kind="stable")
     first = np.append(np.flatnonzero(np.diff(label[order], prepend=-1)), len(at))  # of each cluster
@@ -125,7 +125,7 @@ def _together(small: Coupling, matrices: tuple[Matrix, ...], norms: tuple[float,
     each = small.each[finite].conj() if left else small.each[finite]
     at = np.searchsorted(finite, at)
     for one in at[(each.imag[at] > 0) & _nearly_real(each[at])]:
-        two = np.flatnonzero(each == each[one].conj())[0]
+        two = np.abs(each - each[one].conj()).argmin()
         for part, share in ((x, 1), (z, 2)):  # z stays dual to x
             part[:, two], part[:, one] = share * part[:, one].imag, share * part[:, one].real
         each[[one, two]] = each[one].real
