@@ -40,7 +40,7 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.modes.quadratic.energy_basis import PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, of_pieces, pieces
+from femsub.modes.quadratic.energy_basis import (PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, of_pieces, pieces, real_times)
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
@@ -131,7 +131,7 @@ class CellBound:
         self.order = np.append(self.near, np.flatnonzero(~near))
         sides = [(part[:, self.near], part[:, self.order]) for part in (small.z, small.x)]  # left, right; of near and all pairs
         self.lengths = [np.linalg.norm(part, axis=0) for _, part in sides]
-        whole = max(float((np.abs(self._coefficients(s, True)) * self.lengths[0] * self.lengths[1]).sum())
+        whole = max(float((np.abs(self._coefficients(s, True)[self.order]) * self.lengths[0] * self.lengths[1]).sum())
                     for s in contour.at(np.linspace(0.0, 1.0, 64)))  # about the largest ‖T_f‖
         right, left = small.both_products
         self.beside, self.products = [(right[at], left[at]) for at in (self.near, self.order)]
@@ -139,7 +139,8 @@ class CellBound:
         parts: list[list[tuple[Array, int]]] = [[], []]
         self.inside = np.zeros((3, len(self.near), len(self.near)))  # |z_jᴴE_UU x_k|
         self.outside = np.zeros((2, 3, len(self.near)))  # of E_UL and E_LU
-        self.first: list[tuple[int, Array, Array, Array, Array]] = []  # power, z_jᴴT_q, T_qx_k; |z_jᴴT_qX| and |ZᴴT_qx_k|
+        self.first: list[tuple[int, Array, Array]] = []  # power, |z_jᴴT_qX| and |ZᴴT_qx_k|
+        self.images: list[list[Array]] = [[], []]  # z_jᴴT_q and (T_qx_k)ᵀ, multiplied by |s|^power at the contour's size
         square, self.rest = np.zeros(2), 0.0
         (z, all_z), (x, all_x) = sides
         for change, delta in self.changes:
@@ -151,13 +152,14 @@ class CellBound:
             square, self.rest = square + size * np.square(norms), self.rest + size * rest
             images = delta * (z.conj().T @ change.inside), delta * (change.inside @ x)
             self.inside[power] += np.abs(images[0] @ x)
-            self.first.append((power, *images, np.abs(images[0] @ all_x), np.abs(all_z.conj().T @ images[1])))
+            self.first.append((power, np.abs(images[0] @ all_x), np.abs(all_z.conj().T @ images[1])))
+            for several, image in zip(self.images, (images[0], images[1].T), strict=True):
+                several.append((image * contour.size**power).astype(np.complex64))
         self.B = np.sqrt((square + self.rest) / c)  # of P_UL and of P_LU
         self.within = [[np.stack([sum((np.abs(columns.T @ of)**2).sum(axis=0) for columns, own in several if own == power)
                                   + self.rest * (power == 0) * (np.abs(of)**2).sum(axis=0) for power in range(3)])
                         for of in side] for side, several in zip(sides, parts, strict=True)]
         # single precision; `norms` bound its rounding, see `_of_far`
-        self.X = all_x, all_z.conj().T.copy()
         weights = np.transpose([term.weights for term in small.basis.terms])
         signs = np.array([term.sign for term in small.basis.terms])
         self.H = [np.tensordot(self.root * own, H, 1).astype(np.complex64) for own in (signs * weights.conj(), weights)]
@@ -168,6 +170,7 @@ class CellBound:
         self.norms = [(_norm(columns * contour.size ** (own / 2)) + self.rest**0.5,
                        sum(contour.size**power * _norm(part) for power, part in enumerate(H)))
                       for (columns, own), H in zip(self.Q, self.H, strict=True)]
+        self.moved = [self.root * np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in self.products[::-1]]
 
     def _of_far(self, s: complex, reach: float, apart: bool) -> Array:
         """The products with T_f that `_bound` needs, at s and for all |s' - s| ≤ reach, in two rows (2, 4 + 2n + n²).
@@ -176,48 +179,55 @@ class CellBound:
         has ‖Q_RᵀT_fQ_L‖, ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c and ‖RT_fL‖/c; then for the n near pairs ‖z_jᴴET_fQ_L‖, ‖Q_RᵀT_fEx_k‖ and
         |z_jᴴET_fEx_k|.
         """
-        small, powers, exact, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, apart), self.rest**0.5
-        size, T = np.abs(exact), (self.X[0] * exact) @ self.X[1]
-        whole, T = la.norm(T), T.astype(np.complex64)  # summed in single precision, clusters would lose all digits
+        small, powers, weights, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, apart), self.rest**0.5
+        exact = small.pairs.sum(weights)
+        whole, T = la.norm(exact), exact.astype(np.complex64)  # summed in single precision, clusters would lose all digits
+        turned = np.ascontiguousarray(T.T)
         Q_L, Q_R = (part * np.sqrt(powers).astype(np.float32)[power] for part, power in self.Q)
         degrees = (s ** np.arange(3)).astype(np.complex64)
         L, R = (np.tensordot(own, part, 1) for own, part in zip((degrees.conj(), degrees), self.H, strict=True))
-        TQ, QT, TL, RT = T @ Q_L, Q_R.T @ T, T @ L.conj().T, R @ T
-        zE, Ex, zs, xs = (sum(powers[one[0]] * np.abs(one[k]) for one in self.first) for k in range(1, 5))
-        zT = [powers[power] * own @ T for power, own, *_ in self.first]
-        Tx = [powers[power] * T @ own for power, _, own, *_ in self.first]
-        # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside. `moved` bounds the difference of
-        # images by R and L from those at s
-        columns = [np.sqrt(powers @ part) for _, part in self.within]
-        images = [self.root * part[0]
-                  for part in small._lengths(np.array([s]), np.array([[reach]]), self.products)[::-1]]
-        slopes = np.array([float(term.change(np.array(s), np.array(reach))) for term in small.basis.terms])
-        moved = [self.root * (slopes @ np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) + self.left_out * whole)
-                 for own, whole in zip(self.products[::-1], self.lengths, strict=True)]
-        (of_L, outside_L), (of_R, outside_R) = self.norms
-        here = [np.array([la.norm([[_norm(Q_R.T @ TQ), root * la.norm(QT)], [root * la.norm(TQ), 0.0]], 2),
-                          np.hypot(_norm(RT @ Q_L), root * la.norm(RT)),
-                          np.hypot(_norm(Q_R.T @ TL), root * la.norm(TL)), la.norm(RT @ L.conj().T)]),
-                sum(np.hypot(la.norm(own @ Q_L, axis=1), root * la.norm(own, axis=1)) for own in zT),
-                sum(np.hypot(la.norm(Q_R.T @ own, axis=0), root * la.norm(own, axis=0)) for own in Tx),
-                sum(powers[power] * np.abs(own @ part) for own in zT for power, _, part, *_ in self.first).ravel()]
+        TQ, QT, TL, RT = real_times(Q_L.T, turned).T, real_times(Q_R.T, T), T @ L.conj().T, R @ T
+        # each change has its own power of s
+        own = np.array([(powers[power] / self.contour.size**power) for power, *_ in self.first], dtype=np.float32)
+        zE, xE = (own[:, None, None] * np.stack(part) for part in self.images)
+        zT, xT = zE @ T, xE @ turned
+        # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside
+        of_z, of_x = (np.hypot(la.norm(real_times(Q.T, part.reshape(-1, len(T)).T), axis=0).reshape(part.shape[:2]),
+                               root * la.norm(part, axis=2)).sum(axis=0) for Q, part in ((Q_L, zT), (Q_R, xT)))
+        second = np.abs(zT.reshape(-1, len(T)) @ xE.reshape(-1, len(T)).T).reshape(zT.shape[:2] + xT.shape[:2]).sum(axis=(0, 2))
+        here = np.hstack([la.norm([[_norm(real_times(Q_R.T, TQ)), root * la.norm(QT)], [root * la.norm(TQ), self.rest * whole]], 2),
+                          np.hypot(_norm(real_times(Q_L.T, RT.T)), root * la.norm(RT)),
+                          np.hypot(_norm(real_times(Q_R.T, TL)), root * la.norm(TL)), la.norm(RT @ L.conj().T),
+                          of_z, of_x, second.ravel()])
         # the rounding of products in single precision
-        digits = len(T) ** 0.5 * (np.finfo(np.float32).eps * whole + EPS * (self.lengths[1] * size) @ self.lengths[0])
-        z, x = la.norm(zE, axis=1), la.norm(Ex, axis=0)
-        here = np.hstack(here) + digits * np.hstack([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L,
-                                                     z * of_L, x * of_R, np.outer(z, x).ravel()])
-        # change of T_f over the piece, by sums over pairs
+        (of_L, outside_L), (of_R, outside_R) = self.norms
+        digits = len(T) ** 0.5 * (np.finfo(np.float32).eps * whole
+                                  + EPS * (self.lengths[1] * np.abs(weights[self.order])) @ self.lengths[0])
+        z, x = (la.norm(np.abs(part).sum(axis=0), axis=1) for part in (zE, xE))
+        here += digits * np.hstack([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L,
+                                    z * of_L, x * of_R, np.outer(z, x).ravel()])
+        return np.stack([here, here + self._change(s, reach, apart)])
+
+    def _change(self, s: complex, reach: float, apart: bool) -> Array:
+        """Bounds of the changes of the products in `_of_far` for |s' - s| ≤ reach, by sums over pairs, (4 + 2n + n²,)."""
+        small, powers, size = self.small, (abs(s) + reach) ** np.arange(3), np.abs(self._coefficients(s, apart))[self.order]
         with np.errstate(invalid="ignore", divide="ignore"):
             distance = np.where(size > 0, np.abs(small.each[self.order] - s), np.inf)
             change = np.where(distance > reach, size * reach / (distance - reach), np.inf)
         if not np.isfinite(change).all():
-            return np.stack([here, np.full(len(here), np.inf)])
-        more = [np.array([(columns[1] * change) @ columns[0] + self.rest * whole,
+            return np.full(4 + (2 + len(self.near)) * len(self.near), np.inf)
+        columns = [np.sqrt(powers @ part) for _, part in self.within]
+        images = [self.root * part[0]
+                  for part in small._lengths(np.array([s]), np.array([[reach]]), self.products)[::-1]]
+        slopes = np.array([float(term.change(np.array(s), np.array(reach))) for term in small.basis.terms])
+        moved = [slopes @ own + self.root * self.left_out * whole  # of images by L and R, from those at s
+                 for own, whole in zip(self.moved, self.lengths, strict=True)]
+        zs, xs = (sum(powers[one[0]] * one[k] for one in self.first) for k in (1, 2))
+        return np.hstack([(columns[1] * change) @ columns[0],
                           (images[1] * change + moved[1] * size) @ columns[0],
                           columns[1] @ (change * images[0] + size * moved[0]),
-                          (images[1] * change + moved[1] * size) @ images[0] + (images[1] * size) @ moved[0]]),
-                zs @ (change * columns[0]), (columns[1] * change) @ xs, ((zs * change) @ xs).ravel()]
-        return np.stack([here, here + np.hstack(more)])
+                          (images[1] * change + moved[1] * size) @ images[0] + (images[1] * size) @ moved[0],
+                          zs @ (change * columns[0]), (columns[1] * change) @ xs, ((zs * change) @ xs).ravel()])
 
     def _bound(self, s: Array, reach: Array, of_far: Array, apart: Array, *, coupled: bool = True) -> Array:
         """Upper bounds (l,) of ϱ(β)² for |s' - s| ≤ reach; without the coupling to the outside if not `coupled`."""
@@ -242,9 +252,8 @@ class CellBound:
 
     def _coefficients(self, s: complex, apart: bool) -> Array:
         """1/(λ - s) of all pairs; 0 for infinite λ, and for the near pairs if these are `apart`."""
-        nu = self.small.nu[self.order]
-        found = nu / (1 - (s - self.small.shift) * nu)
-        found[:len(self.near) * apart] = 0.0
+        found = self.small.nu / (1 - (s - self.small.shift) * self.small.nu)
+        found[self.near[:len(self.near) * apart]] = 0.0
         return found
 
     def margin(self) -> tuple[float, list[Array], Array, complex]:
@@ -261,9 +270,8 @@ class CellBound:
         best = min(tried, key=lambda one: float(self._bound(at, zero, *one)[0]))
         if (bound := float(self._bound(at, zero, *best)[0])) >= SAFE:
             return bound, self._directions(at, *best), self._blame(at[0]), at[0]
-        start, stop = pieces(12)
+        start, stop, apart = self._divided(*pieces(12), np.ones(12, dtype=bool))
         s, reach = discs_on(self.contour, start, stop)
-        apart = np.ones(len(s), dtype=bool)
         worst, seen = 0.0, 0
         of_far = of_pieces(self._of_far, s, reach, apart)
         while len(start):
@@ -283,10 +291,26 @@ class CellBound:
             again = np.append(coarse, coarse[~here])
             start, stop, of_far, apart = (np.append(start, middle[~here]), np.append(middle, stop[~here]),
                                           np.concatenate([of_far, of_far[~here]]), np.append(apart & ~here, apart[~here]))
-            s, reach = discs_on(self.contour, start, stop)
             if again.any():
-                of_far[again] = of_pieces(self._of_far, s[again], reach[again], apart[again])
+                new = self._divided(start[again], stop[again], apart[again])
+                start, stop, apart = (np.append(part[~again], own) for part, own in zip((start, stop, apart), new, strict=True))
+                of_far = np.concatenate([of_far[~again], of_pieces(self._of_far, *discs_on(self.contour, *new[:2]), new[2])])
+            s, reach = discs_on(self.contour, start, stop)
         return worst, [], np.zeros(len(self.changes)), 0j
+
+    def _divided(self, start: Array, stop: Array, apart: Array) -> tuple[Array, Array, Array]:
+        """The pieces, halved until the change of T_f alone does not make the bound fail. This takes no products of matrices."""
+        done = [np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)]
+        while len(start):
+            s, reach = discs_on(self.contour, start, stop)
+            change = np.array([self._change(*one) for one in zip(s, reach, apart, strict=True)])
+            without, with_it = (self._bound(s, 0 * reach, one, apart) for one in (np.zeros_like(change), change))
+            coarse = (with_it >= SAFE / 2) & (without < SAFE / 4) & (stop - start > 1e6 * EPS)
+            done = [np.append(own, part[~coarse]) for own, part in zip(done, (start, stop, apart), strict=True)]
+            start, stop, apart = start[coarse], stop[coarse], apart[coarse]
+            middle = (start + stop) / 2
+            start, stop, apart = np.append(start, middle), np.append(middle, stop), np.append(apart, apart)
+        return done[0], done[1], done[2]
 
     def _blame(self, s: complex) -> Array:
         """Estimate of the gain from halving each change's range: its share in β, from each near pair and from all others
@@ -294,11 +318,11 @@ class CellBound:
 
         A sum over all pairs would overrate a change that moves many shapes, such as that of a whole part's stiffness.
         """
-        small, T = self.small, (self.X[0] * self._coefficients(s, True)) @ self.X[1]
+        small, T = self.small, self.small.pairs.sum(self._coefficients(s, True))
         size = np.abs(small.nu[self.near]) / np.maximum(small._apart(np.array([s]), self.near)[0], EPS)
         found = []
-        for (power, left, *_), (own_left, _), (own_right, _) in zip(self.first, *self.parts, strict=True):
-            near = np.abs(np.einsum("ki,ik->k", left, small.x[:, self.near])) @ size
+        for (power, *_), left, (own_left, _), (own_right, _) in zip(self.first, self.images[0], *self.parts, strict=True):
+            near = np.abs(np.einsum("ki,ik->k", left, small.x[:, self.near])) @ size / self.contour.size**power
             found.append(abs(s)**power * (float(near) + _norm(own_right.T @ T @ own_left)))
         return np.array(found)
 

@@ -32,7 +32,7 @@ from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 import scipy.linalg as la
@@ -339,6 +339,52 @@ class EnergyBasis:
         return np.asarray(unit * total.astype(float) - self.V @ within)
 
 
+def real_times(A: Array, X: Array) -> Array:
+    """AX for real A and complex X of the same precision: half of the work of a complex A."""
+    return (A @ np.ascontiguousarray(X).view(A.dtype)).view(X.dtype)
+
+
+class RealPairs(NamedTuple):
+    """Sums Σ w_k x_k z_kᴴ over eigenpairs in the order of LAPACK, by products of real matrices.
+
+    `first` are the first pairs of each two conjugate ones. For these two, X (m, 2m) and Zᵀ (2m, m) have real and imaginary parts.
+    """
+
+    first: Array
+    X: Array
+    ZT: Array
+
+    @classmethod
+    def of(cls, nu: Array, x: Array, z: Array) -> RealPairs:
+        """Of x and z (m, 2m)."""
+        first = np.flatnonzero(nu.imag > 0)
+        return cls(first, real_columns(first, x), np.ascontiguousarray(real_columns(first, z).T))
+
+    def sum(self, weights: Array) -> Array:
+        """Σ w_k x_k z_kᴴ, (m, m), complex."""
+        found, both = weights[:, None] * self.ZT, self.first + 1
+        even, odd = weights[self.first] + weights[both], 1j * (weights[self.first] - weights[both])
+        real, imag = self.ZT[self.first], self.ZT[both]
+        found[self.first] = even[:, None] * real - odd[:, None] * imag
+        found[both] = odd[:, None] * real + even[:, None] * imag
+        return real_times(self.X, found)
+
+
+def real_columns(first: Array, x: Array) -> Array:
+    """x with real and imaginary parts of the columns `first` in place of these and the next columns, their conjugates."""
+    found = x.real.copy()
+    found[:, first + 1] = x[:, first].imag
+    return found
+
+
+def complex_columns(first: Array, real: Array) -> Array:
+    """The inverse of `real_columns`."""
+    found = real.astype(complex)
+    found[:, first] += 1j * real[:, first + 1]
+    found[:, first + 1] = found[:, first].conj()
+    return found
+
+
 class Coupling:
     """The eigenpairs of P_U = VᵀP(s)V and their coupling with the complement of V; see `energy_basis`.
 
@@ -388,9 +434,20 @@ class Coupling:
         return self.each[self.nu != 0]
 
     @cached_property
+    def pairs(self) -> RealPairs:
+        """For sums over all pairs."""
+        return RealPairs.of(self.nu, self.x, self.z)
+
+    @cached_property
     def both_products(self) -> tuple[Array, Array]:
-        """`_products` of all right and all left vectors."""
-        return self._products(self.x), self._products(self.z)
+        """`_products` of all right and all left vectors; those of conjugates are conjugate."""
+        both, known = self.pairs.first + 1, self.nu.imag >= 0
+        found = []
+        for x in (self.x, self.z):
+            found.append(np.empty((len(known), *2 * [len(self.basis.terms)]), dtype=complex))
+            found[-1][known] = self._products(x[:, known])
+            found[-1][both] = found[-1][both - 1].conj()
+        return found[0], found[1]
 
     def margin(self, contour: Contour, c: float) -> tuple[float, list[Array]]:
         """Upper bound of ‖P_LU P_U⁻¹ P_UL‖ / c on the contour, by pieces; and directions that lower it if it is not below `SAFE`.
@@ -527,23 +584,25 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
         nu = nu.astype(complex)
         # for multiple λ LAPACK's own left vectors are not dual to the right ones. Real and imaginary parts span the same space
         first = np.flatnonzero(nu.imag > 0)
-        real = right.real.copy()
-        real[:, first + 1] = right[:, first].imag
-        left = np.linalg.inv(real)[:, :m].T.astype(complex)
-        left[:, first], left[:, first + 1] = ((left[:, first] + sign * 1j * left[:, first + 1]) / 2 for sign in (1, -1))
-        x, z = right[m:].astype(complex), np.linalg.solve(P.T, left) * unit  # LAPACK's are real if all λ are
-        even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
-        x, z = x * even, z / even
-        return (shift, nu / unit, T @ x, T @ z), (K, D, M), (x, z)
+        real = real_columns(first, right)
+        x, z = real[m:], np.linalg.solve(P.T, np.linalg.inv(real)[:, :m].T) * unit
+        z[:, np.append(first, first + 1)] /= 2
+        length = [np.square(part).sum(axis=0) for part in (z, x)]
+        for own in length:
+            own[first] = own[first + 1] = own[first] + own[first + 1]
+        even = (length[0] / length[1]) ** 0.25
+        inner, outer = [x * even, z / even], [T @ (x * even), T @ (z / even)]
+        x, z, X, Z = (complex_columns(first, part) for part in (*inner, *outer))
+        return (shift, nu / unit, X, Z), (K, D, M), (x, z)
 
 
 def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> float:
     """See `Coupling.wrong`; the matrices K, D, M and the vectors in any coordinates."""
-    K, D, M = matrices
+    (K, D, M), pairs = matrices, RealPairs.of(small.nu, x, z)
     found = 0.0
     for s in small.unit * np.exp(1j * np.linspace(0.1, 3.0, 5)):  # five points of the upper half plane, of the region's size
         with np.errstate(all="ignore"):
-            inverse = (x * (small.nu / (1 - (s - small.shift) * small.nu))) @ z.conj().T
+            inverse = pairs.sum(small.nu / (1 - (s - small.shift) * small.nu))
             found = np.fmax(found, np.abs(inverse @ (K + s * D + s**2 * M) - np.eye(len(K))).max(initial=0.0))
             found = found if np.isfinite(inverse).all() else np.inf
     return float(found)
