@@ -25,7 +25,7 @@ from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixE
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside
+from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside, iterated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,6 +36,8 @@ GAP = 0.1  #: share of the band's top by which the contour may move outwards, in
 PLACES = 32  #: number of values at which the error is evaluated, for each parameter
 SHOWN = 3  #: number of open cells that a warning names
 VISITS = 4  #: number of values of a cell at which its states are tested
+PAIRS = 40  #: number of factors of P(λ), of order m, that take half of the time of its eigenproblem (measured, m = 580)
+STEPS = 3  #: largest number of inverse iterations of predicted pairs
 NODES = 12  #: largest number of values whose eigenvectors are used, for each parameter
 
 
@@ -162,6 +164,29 @@ class _Maker:
         # with strong dashpots LAPACK's λ are inaccurate, and `learn` would find the radii too small
         return Node(values, theta, *improved(tuple(matrices), lam[at], x[:, at], z[:, at]))
 
+    def predicted(self, values: Mapping[str, float], model: BoxModel) -> Node | None:
+        """`node` in the contour of the cell, from the pairs of the small model; None unless they converge to all pairs there."""
+        cell, theta = model.cell(**values), self.theta(**values)
+        if cell.number is None or cell.contour is None:
+            return None
+        _, lam, x, z, _ = model.pairs(values)
+        at = np.flatnonzero(cell.contour.encloses(lam))
+        if len(at) + np.count_nonzero(lam[at].imag) != cell.number - 2 * model.free or len(at) > PAIRS:
+            return None
+        lam, (x, z) = lam[at], (self.W @ part[model.free:, at] for part in (x, z))
+        matrices = tuple(self.projection.changed(theta).matrices)
+        for _ in range(STEPS):
+            each = by_threads(lambda *pair: iterated(matrices, *pair), lam[:, None], x.T[:, :, None], z.T[:, :, None])
+            before, (lam, x, z) = lam, (np.concatenate(part, axis=-1) for part in zip(*each, strict=True))
+            near = EPS**0.5 * np.abs(lam)
+            if (np.abs(lam - before) <= near).all():  # the error is about the square of the last change
+                break
+        else:
+            return None
+        apart = (np.abs(lam[:, None] - lam) > near) | np.eye(len(lam), dtype=bool)
+        split = (lam.imag > 0) & (lam.imag <= near)  # may be two real λ
+        return Node(values, theta, lam, x, z) if apart.all() and cell.contour.encloses(lam).all() and not split.any() else None
+
     def allowed(self, lam: Array) -> Array:
         """√(c tol |λ|): residuals of this size on both sides cause an error of tol |λ|."""
         return np.sqrt(self.c * self.box.tol * np.maximum(np.abs(lam), self.box.still))
@@ -208,7 +233,7 @@ class _Maker:
         self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # a direction of the vectors is kept if its residual exceeds this share of the allowed residual
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
-        nodes = self.enriched([self.node(corner, contour) for corner in corners], len(corners))
+        nodes = self.enriched(list(by_threads(lambda corner: self.node(corner, contour), corners)), len(corners))
         middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
         # corners as well: of their vectors, the basis has only the directions that were `kept`
         places = [middle, *(corners + _places(box.ranges, PLACES * len(names)) if names else [])]
@@ -216,7 +241,7 @@ class _Maker:
         at, errors = 0, np.full(len(places), np.inf)
         model = self.small(nodes, cells)
         for _ in range(NODES * max(len(names), 1)):
-            new, known = self.node(places[at], contour), self.least
+            new, known = self.predicted(places[at], model) or self.node(places[at], contour), self.least
             self.learn(model, new)
             errors = errors * (known / self.least)
             if errors.max() <= box.tol and self.least > known / 2:  # the estimate holds at a new value as well
@@ -280,7 +305,7 @@ class _Maker:
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
         signs = np.array([term.sign for term in projection.terms])
-        V = projection.V @ W
+        self.W, V = W, projection.V @ W
         radii = Radii(mix, lost, signs, places, np.array(projection.held), base, projection.sizes(V), self.least)
         V = np.hstack([projection.free, V]) if projection.free.size else V
         V *= self.unit[:, None]

@@ -40,7 +40,17 @@ import numpy as np
 import scipy.linalg as la
 
 from femsub.checks import EPS, Array
-from femsub.modes.quadratic.energy_basis import (PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, of_pieces, pieces, real_times)
+from femsub.modes.quadratic.energy_basis import (
+    PIECES,
+    SAFE,
+    WIDER,
+    Coupling,
+    EnergyBasis,
+    discs_on,
+    of_pieces,
+    pieces,
+    real_times,
+)
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour

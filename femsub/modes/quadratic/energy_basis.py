@@ -230,13 +230,16 @@ class EnergyBasis:
                     self._outside = [*self._outside, (j, at, unit, np.divide(image, unit, casting="same_kind", out=np.empty(
                         image.shape, dtype=np.float32)))]
             for i, term in enumerate(self.terms):
-                products = term.sign * (self.V[term.rows].T @ times(term.acting, images))
-                lost[i, :, sought, at] = products.reshape(m, len(sought), k).transpose(1, 0, 2)
+                for rows, js in ((slice(0, old), sought), (slice(old, m), [j for j in sought if j >= i])):  # others by symmetry
+                    if js and rows.start < rows.stop:
+                        products = term.sign * (self.V[term.rows, rows].T @ times(term.acting, images[:, -k * len(js):]))
+                        lost[i, rows, js, at] = products.reshape(-1, len(js), k).transpose(1, 0, 2)
         for i, j in np.ndindex(p, p):
             lost[i, old:, j, :old] = lost[j, :old, i, old:].T
-            if i <= j:
-                lost[i, old:, j, old:] = (lost[i, old:, j, old:] + lost[j, old:, i, old:].T) / 2
-                lost[j, old:, i, old:] = lost[i, old:, j, old:].T
+            if i > j:
+                lost[i, old:, j, old:] = lost[j, old:, i, old:].T
+            elif i == j:
+                lost[i, old:, i, old:] = (lost[i, old:, i, old:] + lost[i, old:, i, old:].T) / 2
         where = np.nonzero(self._known)
         lost[where] = 0.0
         lost[(slice(None), slice(None), *where)] = 0.0
