@@ -25,7 +25,7 @@ from femsub.checks import EPS, Array, FemsubWarning, InputError, SingularMatrixE
 from femsub.model import Affine, projected, usable_band
 from femsub.modes import ComplexModes, Contour, Varied, count_over, eigenpairs, projection_over
 from femsub.reduction.parameter_box import BoxModel, Cell, ParameterBox, Radii, Ranges
-from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside, iterated
+from femsub.reduction.states import Norms, Polynomials, Spaces, States, improved, inverse_beside, iterated, spread
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -171,7 +171,7 @@ class _Maker:
             return None
         _, lam, x, z, _ = model.pairs(values)
         at = np.flatnonzero(cell.contour.encloses(lam))
-        if len(at) + np.count_nonzero(lam[at].imag) != cell.number - 2 * model.free or len(at) > PAIRS:
+        if len(at) + np.count_nonzero(lam[at].imag) != cell.number - 2 * model.free or not 0 < len(at) <= PAIRS:
             return None
         lam, (x, z) = lam[at], (self.W @ part[model.free:, at] for part in (x, z))
         matrices = tuple(self.projection.changed(theta).matrices)
@@ -378,12 +378,10 @@ def _halved(family: Affine, chosen: Array) -> Affine:
     return family._each(lambda theta, A: (theta, halves(A)[0] if next(each) else A))
 
 
-def _places(ranges: Ranges, count: int, seed: int = 1) -> list[dict[str, float]]:
-    """At least `count` values spread over a box; their number is a power of two."""
-    from scipy.stats import qmc  # takes a tenth of a second to load
-
-    points = qmc.Sobol(len(ranges), seed=seed).random_base2((count - 1).bit_length())
-    return [dict(zip(ranges, row, strict=True)) for row in qmc.scale(points, *np.transpose(list(ranges.values()))).tolist()]
+def _places(ranges: Ranges, count: int) -> list[dict[str, float]]:
+    """Values that are evenly spread over a box."""
+    lo, hi = np.transpose(list(ranges.values()))
+    return [dict(zip(ranges, row, strict=True)) for row in (lo + (hi - lo) * spread(count, len(ranges))).tolist()]
 
 
 def real_parts(vectors: Array) -> list[Array]:

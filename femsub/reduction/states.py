@@ -56,15 +56,12 @@ class Polynomials:
     @classmethod
     def of(cls, ranges: Mapping[str, tuple[float, float]], most: int) -> Polynomials:
         """The products up to the highest degree for which there are at most `most` of them; at least one product."""
-        from scipy.stats import qmc  # takes a tenth of a second to load
-
         q, degree = len(ranges), 0
         while comb(q + degree + 1, q) <= most:
             degree += 1
         e = np.array(sorted((np.bincount(one, minlength=q + 1)[1:].tolist()
                              for one in combinations_with_replacement(range(q + 1), degree)), key=sum)).reshape(-1, q)
-        spread = np.cos(np.pi * qmc.Sobol(q, seed=1).random_base2((16 * len(e)).bit_length()))
-        tried = np.vstack([np.zeros(q), spread])  # the middle is the first node
+        tried = np.vstack([np.zeros(q), np.cos(np.pi * spread(16 * len(e), q))])  # the middle is the first node
         lo, hi = np.transpose(list(ranges.values()))
         found = cls(ranges, e, (lo + hi) / 2 + tried * (hi - lo) / 2)
         order = np.arange(len(tried))
@@ -82,6 +79,15 @@ class Polynomials:
     def counts(self) -> list[int]:
         """The numbers of products of degree up to 0, 1, …"""
         return [int(count) for count in np.cumsum(np.bincount(self.e.sum(axis=1)))]
+
+
+def spread(count: int, q: int) -> Array:
+    """Points (count, q) that are evenly spread over the unit cube: k (1/g, 1/g², …) modulo 1 with g^(q + 1) = g + 1.
+
+    SciPy's Sobol points would do as well, but loading `scipy.stats` takes longer than many a reduction.
+    """
+    g = float(np.roots([1.0, *np.zeros(q - 1), -1.0, -1.0]).real.max())
+    return (0.5 + np.outer(np.arange(count), g ** -np.arange(1.0, q + 1))) % 1
 
 
 class Spaces(NamedTuple):
@@ -227,6 +233,7 @@ def inverse_beside(at: Array, lam: Array, x: Array, z: Array, steps: int = 20) -
     return Norms(at, np.sqrt(square))
 
 
+@np.errstate(all="ignore")  # P(λ) may be singular: the result is not finite then
 def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
     """`settled` after a step of inverse iteration on both sides, one factor for each pair."""
     K, D, M = matrices

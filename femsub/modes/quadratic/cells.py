@@ -55,6 +55,7 @@ from femsub.modes.quadratic.energy_basis import (
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
 
+NEAR = 0.1  # |s - λ|/|λ - σ| of eigenpairs that are bounded one by one
 LEFT = 0.005  # share of the bound that truncated singular values may use
 
 
@@ -136,12 +137,13 @@ class CellBound:
                  outside: tuple[Array, float]) -> None:
         self.small, self.contour, self.root, (H, self.left_out) = small, contour, c**-0.5, outside
         self.changes = [(change, delta) for change, delta in changes if delta]
-        near, _ = small.near(contour)
+        near, _ = small.near(contour, NEAR)
         self.near = np.flatnonzero(near)
         self.order = np.append(self.near, np.flatnonzero(~near))
         sides = [(part[:, self.near], part[:, self.order]) for part in (small.z, small.x)]  # left, right; of near and all pairs
         self.lengths = [np.linalg.norm(part, axis=0) for _, part in sides]
-        whole = max(float((np.abs(self._coefficients(s, True)[self.order]) * self.lengths[0] * self.lengths[1]).sum())
+        self.all_near = np.ones(len(self.near), dtype=bool)
+        whole = max(float((np.abs(self._coefficients(s, self.all_near)[self.order]) * self.lengths[0] * self.lengths[1]).sum())
                     for s in contour.at(np.linspace(0.0, 1.0, 64)))  # about the largest ‖T_f‖
         right, left = small.both_products
         self.beside, self.products = [(right[at], left[at]) for at in (self.near, self.order)]
@@ -178,18 +180,18 @@ class CellBound:
                    np.repeat([power for _, power in several], [columns.shape[1] for columns, _ in several]).astype(int))
                   for several in parts]
         self.norms = [(_norm(columns * contour.size ** (own / 2)) + self.rest**0.5,
-                       sum(contour.size**power * _norm(part) for power, part in enumerate(H)))
+                       sum(contour.size**power * la.norm(part) for power, part in enumerate(H)))
                       for (columns, own), H in zip(self.Q, self.H, strict=True)]
         self.moved = [self.root * np.sqrt(np.maximum(np.einsum("kaa->ak", own).real, 0.0)) for own in self.products[::-1]]
 
-    def _of_far(self, s: complex, reach: float, apart: bool) -> Array:
+    def _of_far(self, s: complex, reach: float, single: Array) -> Array:
         """The products with T_f that `_bound` needs, at s and for all |s' - s| ≤ reach, in two rows (2, 4 + 2n + n²).
 
-        T_f is the sum over the far pairs, or over all pairs if the near pairs are not `apart`. With R = P_LU and L = P_UL, a row
-        has ‖Q_RᵀT_fQ_L‖, ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c and ‖RT_fL‖/c; then for the n near pairs ‖z_jᴴET_fQ_L‖, ‖Q_RᵀT_fEx_k‖ and
-        |z_jᴴET_fEx_k|.
+        T_f is the sum over all pairs but the near pairs chosen by `single` (n,). With R = P_LU and L = P_UL, a row has
+        ‖Q_RᵀT_fQ_L‖, ‖RT_fQ_L‖/√c, ‖Q_RᵀT_fL‖/√c and ‖RT_fL‖/c; then for the chosen pairs, others are 0, ‖z_jᴴET_fQ_L‖,
+        ‖Q_RᵀT_fEx_k‖ and |z_jᴴET_fEx_k|.
         """
-        small, powers, weights, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, apart), self.rest**0.5
+        small, powers, weights, root = self.small, (abs(s) + reach) ** np.arange(3), self._coefficients(s, single), self.rest**0.5
         exact = small.pairs.sum(weights)
         whole, T = la.norm(exact), exact.astype(np.complex64)  # summed in single precision, clusters would lose all digits
         turned = np.ascontiguousarray(T.T)
@@ -199,28 +201,30 @@ class CellBound:
         TQ, QT, TL, RT = real_times(Q_L.T, turned).T, real_times(Q_R.T, T), T @ L.conj().T, R @ T
         # each change has its own power of s
         own = np.array([(powers[power] / self.contour.size**power) for power, *_ in self.first], dtype=np.float32)
-        zE, xE = (own[:, None, None] * np.stack(part) for part in self.images)
+        zE, xE = (own[:, None, None] * np.stack([image[single] for image in part]) for part in self.images)
         zT, xT = zE @ T, xE @ turned
         # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside
         of_z, of_x = (np.hypot(la.norm(real_times(Q.T, part.reshape(-1, len(T)).T), axis=0).reshape(part.shape[:2]),
                                root * la.norm(part, axis=2)).sum(axis=0) for Q, part in ((Q_L, zT), (Q_R, xT)))
         second = np.abs(zT.reshape(-1, len(T)) @ xE.reshape(-1, len(T)).T).reshape(zT.shape[:2] + xT.shape[:2]).sum(axis=(0, 2))
-        here = np.hstack([la.norm([[_norm(real_times(Q_R.T, TQ)), root * la.norm(QT)], [root * la.norm(TQ), self.rest * whole]], 2),
-                          np.hypot(_norm(real_times(Q_L.T, RT.T)), root * la.norm(RT)),
-                          np.hypot(_norm(real_times(Q_R.T, TL)), root * la.norm(TL)), la.norm(RT @ L.conj().T),
-                          of_z, of_x, second.ravel()])
+        few = np.array([la.norm([[_norm(real_times(Q_R.T, TQ)), root * la.norm(QT)], [root * la.norm(TQ), self.rest * whole]], 2),
+                        np.hypot(_norm(real_times(Q_L.T, RT.T)), root * la.norm(RT)),
+                        np.hypot(_norm(real_times(Q_R.T, TL)), root * la.norm(TL)), la.norm(RT @ L.conj().T)])
         # the rounding of products in single precision
         (of_L, outside_L), (of_R, outside_R) = self.norms
         digits = len(T) ** 0.5 * (np.finfo(np.float32).eps * whole
                                   + EPS * (self.lengths[1] * np.abs(weights[self.order])) @ self.lengths[0])
         z, x = (la.norm(np.abs(part).sum(axis=0), axis=1) for part in (zE, xE))
-        here += digits * np.hstack([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L,
-                                    z * of_L, x * of_R, np.outer(z, x).ravel()])
-        return np.stack([here, here + self._change(s, reach, apart)])
+        n = len(single)
+        here = np.zeros(4 + 2 * n + n * n)
+        here[:4] = few + digits * np.array([of_L * of_R, of_L * outside_R, of_R * outside_L, outside_R * outside_L])
+        here[4:4 + n][single], here[4 + n:4 + 2 * n][single] = of_z + digits * z * of_L, of_x + digits * x * of_R
+        here[4 + 2 * n:].reshape(n, n)[np.ix_(single, single)] = second + digits * np.outer(z, x)
+        return np.stack([here, here + self._change(s, reach, single)])
 
-    def _change(self, s: complex, reach: float, apart: bool) -> Array:
+    def _change(self, s: complex, reach: float, single: Array) -> Array:
         """Bounds of the changes of the products in `_of_far` for |s' - s| ≤ reach, by sums over pairs, (4 + 2n + n²,)."""
-        small, powers, size = self.small, (abs(s) + reach) ** np.arange(3), np.abs(self._coefficients(s, apart))[self.order]
+        small, powers, size = self.small, (abs(s) + reach) ** np.arange(3), np.abs(self._coefficients(s, single))[self.order]
         with np.errstate(invalid="ignore", divide="ignore"):
             distance = np.where(size > 0, np.abs(small.each[self.order] - s), np.inf)
             change = np.where(distance > reach, size * reach / (distance - reach), np.inf)
@@ -239,12 +243,12 @@ class CellBound:
                           (images[1] * change + moved[1] * size) @ images[0] + (images[1] * size) @ moved[0],
                           zs @ (change * columns[0]), (columns[1] * change) @ xs, ((zs * change) @ xs).ravel()])
 
-    def _bound(self, s: Array, reach: Array, of_far: Array, apart: Array, *, coupled: bool = True) -> Array:
+    def _bound(self, s: Array, reach: Array, of_far: Array, single: Array, *, coupled: bool = True) -> Array:
         """Upper bounds (l,) of ϱ(β)² for |s' - s| ≤ reach; without the coupling to the outside if not `coupled`."""
         n, (to_u, from_u) = len(self.near), self.B
         powers = (np.abs(s) + reach)[:, None] ** np.arange(3)
         near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
-        near = np.where(apart[:, None], np.where(near > 0, near, np.nan), np.inf)
+        near = np.where(single, np.where(near > 0, near, np.nan), np.inf)
         a = np.sqrt(np.abs(self.small.nu[self.near]) / near)
         images = self.small._lengths(s, reach[:, None], self.beside)[::-1]
         columns = [np.sqrt(powers @ part) for part, _ in self.within]
@@ -260,11 +264,16 @@ class CellBound:
         found = _radius(a[:, :, None] * np.tensordot(powers, self.inside, 1) * a[:, None] + second, gp, gy, pg, yg, few)
         return np.where(np.isfinite(a).all(axis=1) & known, found**2, np.inf)
 
-    def _coefficients(self, s: complex, apart: bool) -> Array:
-        """1/(λ - s) of all pairs; 0 for infinite λ, and for the near pairs if these are `apart`."""
+    def _coefficients(self, s: complex, single: Array) -> Array:
+        """1/(λ - s) of all pairs; 0 for infinite λ, and for the near pairs chosen by `single` (n,)."""
         found = self.small.nu / (1 - (s - self.small.shift) * self.small.nu)
-        found[self.near[:len(self.near) * apart]] = 0.0
+        found[self.near[single]] = 0.0
         return found
+
+    def _single(self, s: Array, reach: Array, apart: Array) -> Array:
+        """The pairs near pieces of the contour, for those pieces where they are to be `apart`, (l, n)."""
+        near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
+        return (near <= NEAR) & apart[:, None]
 
     def margin(self) -> tuple[float, list[Array], Array, complex]:
         """Upper bound of ϱ(β)² on the contour, directions that lower it, the share of each change where it fails, and s there.
@@ -274,37 +283,44 @@ class CellBound:
         """
         every, zero = self.contour.at(np.linspace(0.0, 1.0, 128)), np.zeros(1)
         none = np.zeros((128, 4 + (2 + len(self.near)) * len(self.near)))
-        least = self._bound(every, np.zeros(128), none, np.ones(128, dtype=bool))
+        least = self._bound(every, np.zeros(128), none, np.tile(self.all_near, (128, 1)))
         at = every[[least.argmax()]]  # most cells that are too large fail here
-        tried = [(self._of_far(at[0], 0.0, apart)[:1], np.array([apart])) for apart in (True, False)]
-        best = min(tried, key=lambda one: float(self._bound(at, zero, *one)[0]))
+        chosen = [self._single(at, zero, np.array([apart])) for apart in (True, False)]
+        best = min(((self._of_far(at[0], 0.0, single[0])[:1], single) for single in chosen),
+                   key=lambda one: float(self._bound(at, zero, *one)[0]))
         if (bound := float(self._bound(at, zero, *best)[0])) >= SAFE:
             return bound, self._directions(at, *best), self._blame(at[0]), at[0]
         start, stop, apart = self._divided(*pieces(12), np.ones(12, dtype=bool))
         s, reach = discs_on(self.contour, start, stop)
+        single = self._single(s, reach, apart)
         worst, seen = 0.0, 0
-        of_far = of_pieces(self._of_far, s, reach, apart)
+        of_far = of_pieces(self._of_far, s, reach, single)
         while len(start):
-            found = self._bound(s, reach, of_far[:, 1], apart)
+            found = self._bound(s, reach, of_far[:, 1], single)
             good, seen = found < SAFE, seen + len(s)
             worst = max(worst, float(found[good].max(initial=0.0)))
-            start, stop, s, reach, of_far, apart = (part[~good] for part in (start, stop, s, reach, of_far, apart))
+            start, stop, s, reach = (part[~good] for part in (start, stop, s, reach))
+            of_far, apart, single = (part[~good] for part in (of_far, apart, single))
             if not len(s):
                 break
             if seen > PIECES // 100 or (stop - start < 1e6 * EPS).any():  # a smaller cell is faster
                 return float(found[~good][0]), [], self._blame(s[0]), s[0]
-            here, coarse = (self._bound(s, 0 * reach, of_far[:, k], apart) >= SAFE for k in range(2))
+            here, coarse = (self._bound(s, 0 * reach, of_far[:, k], single) >= SAFE for k in range(2))
             if (here & ~apart).any():  # halving does not help
                 k = int(np.argmax(here & ~apart))
-                return float(found[~good][k]), self._directions(s[[k]], of_far[k, :1], apart[[k]]), self._blame(s[k]), s[k]
+                return float(found[~good][k]), self._directions(s[[k]], of_far[k, :1], single[[k]]), self._blame(s[k]), s[k]
             middle = np.where(here, stop, (start + stop) / 2)
             again = np.append(coarse, coarse[~here])
-            start, stop, of_far, apart = (np.append(start, middle[~here]), np.append(middle, stop[~here]),
-                                          np.concatenate([of_far, of_far[~here]]), np.append(apart & ~here, apart[~here]))
+            start, stop = np.append(start, middle[~here]), np.append(middle, stop[~here])
+            apart = np.append(apart & ~here, apart[~here])
+            of_far, single = (np.concatenate([part, part[~here]]) for part in (of_far, single))
             if again.any():
-                new = self._divided(start[again], stop[again], apart[again])
-                start, stop, apart = (np.append(part[~again], own) for part, own in zip((start, stop, apart), new, strict=True))
-                of_far = np.concatenate([of_far[~again], of_pieces(self._of_far, *discs_on(self.contour, *new[:2]), new[2])])
+                more = self._divided(start[again], stop[again], apart[again])
+                start, stop, apart = (np.append(part[~again], own) for part, own in zip((start, stop, apart), more, strict=True))
+                discs = discs_on(self.contour, *more[:2])
+                new = self._single(*discs, more[2])
+                of_far, single = (np.concatenate([part[~again], own])
+                                  for part, own in ((of_far, of_pieces(self._of_far, *discs, new)), (single, new)))
             s, reach = discs_on(self.contour, start, stop)
         return worst, [], np.zeros(len(self.changes)), 0j
 
@@ -313,8 +329,9 @@ class CellBound:
         done = [np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)]
         while len(start):
             s, reach = discs_on(self.contour, start, stop)
-            change = np.array([self._change(*one) for one in zip(s, reach, apart, strict=True)])
-            without, with_it = (self._bound(s, 0 * reach, one, apart) for one in (np.zeros_like(change), change))
+            single = self._single(s, reach, apart)
+            change = np.array([self._change(*one) for one in zip(s, reach, single, strict=True)])
+            without, with_it = (self._bound(s, 0 * reach, one, single) for one in (np.zeros_like(change), change))
             coarse = (with_it >= SAFE / 2) & (without < SAFE / 4) & (stop - start > 1e6 * EPS)
             done = [np.append(own, part[~coarse]) for own, part in zip(done, (start, stop, apart), strict=True)]
             start, stop, apart = start[coarse], stop[coarse], apart[coarse]
@@ -328,7 +345,7 @@ class CellBound:
 
         A sum over all pairs would overrate a change that moves many shapes, such as that of a whole part's stiffness.
         """
-        small, T = self.small, self.small.pairs.sum(self._coefficients(s, True))
+        small, T = self.small, self.small.pairs.sum(self._coefficients(s, self.all_near))
         size = np.abs(small.nu[self.near]) / np.maximum(small._apart(np.array([s]), self.near)[0], EPS)
         found = []
         for (power, *_), left, (own_left, _), (own_right, _) in zip(self.first, self.images[0], *self.parts, strict=True):
@@ -336,10 +353,10 @@ class CellBound:
             found.append(abs(s)**power * (float(near) + _norm(own_right.T @ T @ own_left)))
         return np.array(found)
 
-    def _directions(self, at: Array, of_far: Array, apart: Array) -> list[Array]:
+    def _directions(self, at: Array, of_far: Array, single: Array) -> list[Array]:
         """Residuals of the directions that the changes move most; none if the bound fails without the coupling to the outside."""
         s = at[0]
-        if self._bound(at, np.zeros(1), of_far, apart, coupled=False)[0] >= SAFE / 4:  # then a smaller cell gains more
+        if self._bound(at, np.zeros(1), of_far, single, coupled=False)[0] >= SAFE / 4:  # then a smaller cell gains more
             return []
         small, found = self.small, []
         middle = small.nu / (1 - (s - small.shift) * small.nu)

@@ -57,7 +57,7 @@ from femsub.checks import (
 from femsub.model import contact_matrix, costs
 from femsub.modes.normal_modes import NormalModes, counted_beside, counted_early, lowest_modes, modes_below
 from femsub.modes.quadratic.cells import CellBound, WholeTerm, images
-from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights, few_at_a_time
+from femsub.modes.quadratic.energy_basis import RIGHT, SAFE, Coupling, EnergyBasis, Term, Weights, complex_columns, few_at_a_time
 from femsub.modes.quadratic.region import Contour, Count
 from femsub.modes.shift_invert import ShiftInvert
 
@@ -221,7 +221,8 @@ class Projection(EnergyBasis):
         super().__init__(self.A.__matmul__, partial(solved, self.factor), terms, n, kept=kept)
         self.counted: Coupling | None = None  # the last coupling, if the count was proved
         self.changes, self.theta, self.half = changes, np.zeros(len(changes)), np.zeros(len(changes))
-        self._parts: tuple[list[WholeTerm], tuple[Array, float]] | None = None
+        self._whole_terms: list[WholeTerm] = []
+        self._images: tuple[Array, float] | None = None
         del modes, strong, rest  # each is freed when it has joined V
         self.add(joining.pop(0), modes=True)
         while joining:
@@ -292,10 +293,10 @@ class Projection(EnergyBasis):
 
     def images_outside(self) -> tuple[Array, float]:
         """H (p, h, m) of all terms at their largest weights, and a bound of its error, see `images`."""
-        if self._parts is not None:
-            return self._parts[1]
-        largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
-        return images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
+        if self._images is None:
+            largest = self.at(self._weighted(np.zeros(len(self.changes)), [change.size for change in self.changes]))
+            self._images = images(self, np.array([term.largest(self.outer.size) for term in largest.terms]))
+        return self._images
 
     def add(self, new: Array, *, modes: bool = False, unit: bool = False) -> bool:
         """Append directions (n, k), from which free rigid motion is removed; return whether V has grown."""
@@ -303,7 +304,7 @@ class Projection(EnergyBasis):
         held = (1 + self.kept * p / 2) * (m + new.shape[1])
         check_columns("the pencil", len(new), int(held) + new.shape[1] + 4 * BLOCK)
         check_room("the count by projection", 8.0 * (3 * p * p + 24) * (m + new.shape[1])**2)  # products, and the eigenproblem
-        self._parts = None
+        self._whole_terms, self._images = [], None
         return super().add(new - self.free @ (self.momenta.T @ new) if self.free.size else new, modes=modes, unit=unit)
 
     def on(self, choose: Callable[[Array, Array], Contour], rounds: int = 8) -> Count | None:
@@ -338,13 +339,12 @@ class Projection(EnergyBasis):
                 return None
             (margin, new), place = small.margin(contour, c), ""
             if margin < SAFE and self.half.any():
-                if self._parts is None:  # each change as a whole term
+                if not self._whole_terms:
                     places = [place for place, _ in self.own_weights]
-                    whole = [WholeTerm.of(self, [i for i, place in enumerate(places) if place == q], change.power)
-                             for q, change in enumerate(self.changes)]
-                    self._parts = whole, self.images_outside()
-                changes, outside = self._parts
-                cell = CellBound(small, contour, c, list(zip(changes, self.half, strict=True)), outside)
+                    self._whole_terms = [WholeTerm.of(self, [i for i, place in enumerate(places) if place == q], change.power)
+                                         for q, change in enumerate(self.changes)]
+                changes = list(zip(self._whole_terms, self.half, strict=True))
+                cell = CellBound(small, contour, c, changes, self.images_outside())
                 margin, new, self.blamed[self.half > 0], s = cell.margin()
                 place = f" at s = {s:.5g} for all values"
             if margin < SAFE:
@@ -368,7 +368,8 @@ class Projection(EnergyBasis):
         for place in np.flatnonzero(self.half):
             # both halves of a term together: their shares may cancel
             inside = self.inside[[of == place for of, _ in self.own_weights]].sum(axis=0)
-            size = np.abs(np.einsum("ik,ik->k", small.z.conj(), inside @ small.x))
+            images = complex_columns(small.pairs.first, inside @ small.pairs.X)
+            size = np.abs(np.einsum("ik,ik->k", small.z.conj(), images))
             with np.errstate(invalid="ignore"):
                 found += self.half[place] * np.nan_to_num(np.abs(small.each)) ** self.changes[place].power * size
         return found
