@@ -174,12 +174,13 @@ class _Maker:
         if len(at) + np.count_nonzero(lam[at].imag) != cell.number - 2 * model.free or not 0 < len(at) <= PAIRS:
             return None
         lam, (x, z) = lam[at], (self.W @ part[model.free:, at] for part in (x, z))
-        matrices = tuple(self.projection.changed(theta).matrices)
+        matrices, again = tuple(self.projection.changed(theta).matrices), np.arange(len(at))
         for _ in range(STEPS):
-            each = by_threads(lambda *pair: iterated(matrices, *pair), lam[:, None], x.T[:, :, None], z.T[:, :, None])
-            before, (lam, x, z) = lam, (np.concatenate(part, axis=-1) for part in zip(*each, strict=True))
+            before, each = lam[again], by_threads(lambda k: iterated(matrices, lam[[k]], x[:, [k]], z[:, [k]]), again)
+            lam[again], x[:, again], z[:, again] = (np.concatenate(part, axis=-1) for part in zip(*each, strict=True))
             near = EPS**0.5 * np.abs(lam)
-            if (np.abs(lam - before) <= near).all():  # the error is about the square of the last change
+            again = again[~(np.abs(lam[again] - before) <= near[again])]  # the error is about the square of the last change
+            if not len(again):
                 break
         else:
             return None

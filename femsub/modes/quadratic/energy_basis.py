@@ -309,6 +309,8 @@ class EnergyBasis:
         size, mix = la.eigh(flat.T @ (self.lost.reshape(rows, rows) @ flat))
         keep = size > least
         log.info("%d of %d residuals, up to %.1e, join %d columns", keep.sum(), len(size), max(size[-1], 0.0)**0.5, self.size)
+        if not keep.any():
+            return False
         C = C @ (mix[:, keep] / np.sqrt(size[keep]))
         R = np.empty((len(self.V), C.shape[2]))
         for at in few_at_a_time(C.shape[2], self.size):
