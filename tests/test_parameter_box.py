@@ -21,7 +21,8 @@ import femsub as fs
 from femsub.checks import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
-from femsub.reduction import parameter_box
+from femsub.reduction import over_box, parameter_box
+from femsub.reduction.states import spread
 from femsub.stability.labels import sources_of
 
 
@@ -346,6 +347,42 @@ def pressed(seed: int = 0, n: int = 45) -> fs.Affine:
 
     touching = [(1.0, 0.2 * A), ("pressure", 0.1 * A), ("mu", 0.2 * B), (both, 0.1 * B)]
     return fs.Affine(M, 1e-2 * K, [(1.0, K - soft), ("E", soft), *touching])
+
+
+def test_values_of_the_greedy_search_take_no_eigenproblem_of_the_basis(monkeypatch):
+    """Their pairs come from the small model by inverse iteration, and are the same. Only corners are decomposed."""
+    whole, pairs = [], []
+    node, predicted = over_box._Maker.node, over_box._Maker.predicted
+
+    def both(self, values, model):
+        found, exact = predicted(self, values, model), node(self, values, model.cell(**values).contour)
+        pairs.append((found, exact))
+        return found
+
+    monkeypatch.setattr(over_box._Maker, "node", lambda self, *given: whole.append(given) or node(self, *given))
+    monkeypatch.setattr(over_box._Maker, "predicted", both)
+    small = fs.reduce(family(3), fs.ParameterBox({"mu": (0.0, 1.0), "speed": (0.5, 2.0)}, (0.0, 0.5)))
+    assert small.evidence == "certified"
+    assert len(whole) == 4 and len(pairs) > 1
+    for found, exact in pairs:
+        order = [np.abs(found.lam - lam).argmin() for lam in exact.lam]
+        assert sorted(order) == list(range(len(exact.lam)))
+        assert np.abs(found.lam[order] - exact.lam).max() < 1e-11 * np.abs(exact.lam).max()
+        for mine, other in ((found.x[:, order], exact.x), (found.z[:, order], exact.z)):
+            lengths = np.linalg.norm(mine, axis=0) * np.linalg.norm(other, axis=0)
+            assert (np.abs(np.einsum("ik,ik->k", mine.conj(), other)) > (1 - 1e-8) * lengths).all()
+
+
+@pytest.mark.parametrize("q", [1, 2, 3])
+def test_points_are_spread_evenly(q):
+    """Each of 8 equal parts of the cube in each direction has nearly its share, and no two points are close."""
+    points = spread(128, q)
+    assert points.shape == (128, q) and (points >= 0).all() and (points < 1).all()
+    for column in points.T:
+        assert np.abs(np.histogram(column, 8, (0, 1))[0] - 16).max() <= 5
+    apart = np.abs(points[:, None] - points)
+    apart = np.linalg.norm(np.minimum(apart, 1 - apart), axis=2)[np.triu_indices(128, 1)]
+    assert apart.min() > 0.5 * 128 ** (-1 / q)
 
 
 @pytest.mark.slow

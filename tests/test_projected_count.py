@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import tracemalloc
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -366,8 +367,15 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     projection = Projection(random_pencil(7), Contour(1.0))
     small = Coupling.of(projection, 1.0)
     assert small.wrong < 1e-8
+    changed = copy(small)
+    changed.x = small.x * (1 + 1e-3 * (np.arange(len(small.nu)) == 5))
+    del changed.wrong
+    assert changed.wrong > 1e-6  # one pair that is wrong is seen
     s = 0.3 + 0.8j
-    inverse = (small.x * (small.nu / (1 - (s - small.shift) * small.nu))) @ small.z.conj().T
+    weights = small.nu / (1 - (s - small.shift) * small.nu)
+    inverse = (small.x * weights) @ small.z.conj().T
+    assert la.norm(small.pairs.sum(weights) - inverse) < 1e-13 * la.norm(np.abs(weights) * la.norm(small.x, axis=0)
+                                                                         * la.norm(small.z, axis=0))
     P = np.eye(projection.size) + sum(
         complex(part.weight(np.array([s]))[0]) * (projection.V.T @ projection.image(i, np.eye(projection.size)))
         for i, part in enumerate(projection.terms))

@@ -129,6 +129,9 @@ def test_a_product_with_a_complex_block_is_that_of_its_parts(long: float, monkey
     for given in (X, X.real, X[:, :1]):
         found = times(A, given)
         assert found.dtype == given.dtype and np.allclose(found, A.toarray() @ given, rtol=0, atol=1e-13)
+        assert np.allclose(times(A.toarray(), given), found, rtol=0, atol=1e-13)
+    single = times(A.toarray().astype(np.float32), X.astype(np.complex64))
+    assert single.dtype == np.complex64 and np.allclose(single, A.toarray() @ X, rtol=0, atol=1e-5)
     assert np.allclose(times(A, X[:, 0]), A.toarray() @ X[:, 0], rtol=0, atol=1e-13)
 
 

@@ -301,7 +301,7 @@ class _Maker:
         lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
         mix = mix[..., kept]
         rounding = float(np.finfo(np.float32).eps) * la.norm(mix, axis=(1, 2))
-        if rounding @ scale.ravel() <= allowed / 10:
+        if rounding @ scale.ravel() <= max(lost @ scale.ravel(), allowed / 10):
             mix, lost = mix.astype(np.float32), lost + rounding
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
@@ -348,7 +348,7 @@ class _Maker:
             states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
-            known = 2 if tried[-1][0] else 1  # by symmetry, one higher degree may gain nothing
+            known = 3 if tried[-1][0] else 1  # by symmetry, one higher degree may gain nothing
             if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # the rest is the error of the model itself
                 break
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))

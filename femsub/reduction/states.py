@@ -191,32 +191,35 @@ def _solver(A: Array) -> Callable[..., Array]:
     return solve
 
 
-def settled(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
-    """λ corrected by the two-sided quotient zᴴP(λ)x / zᴴP'(λ)x; x and z scaled to |zᴴP'(λ)x| = 1 and equal lengths."""
-    K, D, M = matrices
-    damped, inert = D @ x, lam * (M @ x)
-    quotient, slope = (np.einsum("ik,ik->k", z.conj(), part) for part in (K @ x + lam * (damped + inert), damped + 2 * inert))
+def settled(images: Array, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+    """λ corrected by the two-sided quotient zᴴP(λ)x / zᴴP'(λ)x; x and z scaled to |zᴴP'(λ)x| = 1 and equal lengths.
+
+    `images` (3, d, k) are Kx, Dx and Mx. They are returned for the scaled x.
+    """
+    stiff, damped, inert = np.einsum("ik,jik->jk", z.conj(), images)
+    slope = damped + 2 * lam * inert
     even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0) / np.abs(slope))
-    return lam - quotient / slope, x * even, z / (even * slope.conj())
+    return lam - (stiff + lam * (damped + lam * inert)) / slope, x * even, z / (even * slope.conj()), images * even
 
 
 def improved(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array, Array, Array]:
     """`settled` pairs of LAPACK, |zᴴP'(λ)x| = 1. A double λ, such as 0 of rigid motion, has no such quotient: it is kept."""
-    found = settled(matrices, lam, x, z)
+    found = settled(of_each(matrices, x), lam, x, z)
     simple = np.abs(found[0] - lam) <= EPS**0.25 * np.abs(lam)
     even = np.sqrt(np.linalg.norm(z, axis=0) / np.linalg.norm(x, axis=0))
-    value, right, left = (np.where(simple, *two) for two in zip(found, (lam, x * even, z / even), strict=True))
+    value, right, left = (np.where(simple, *two) for two in zip(found[:3], (lam, x * even, z / even), strict=True))
     return value, right, left
 
 
-def residuals(matrices: Matrices, lam: Array, x: Array, z: Array) -> Array:
-    """‖P(λ)x‖ ‖P(λ)ᴴz‖ of each pair (k,)."""
-    size, k = np.ones(len(lam)), len(lam)
-    for s, part, parts in ((lam, x, matrices), (lam.conj(), z, [A.T for A in matrices])):
-        K, D, M = (A @ np.hstack([part.real, part.imag]) for A in parts)
-        K, D, M = (image[:, :k] + 1j * image[:, k:] for image in (K, D, M))
-        size *= np.linalg.norm(K + s * (D + s * M), axis=0)
-    return size
+def of_each(matrices: Matrices, x: Array) -> Array:
+    """The products of each matrix with x (d, k), (3, d, k)."""
+    k, real = x.shape[1], np.hstack([x.real, x.imag])  # NumPy would make a complex copy of each matrix
+    return np.stack([image[:, :k] + 1j * image[:, k:] for image in (A @ real for A in matrices)])
+
+
+def lengths(images: Array, lam: Array) -> Array:
+    """‖P(λ)x‖ of each pair (k,), from Kx, Dx and Mx (3, d, k)."""
+    return np.linalg.norm(images[0] + lam * (images[1] + lam * images[2]), axis=0)
 
 
 def inverse_beside(at: Array, lam: Array, x: Array, z: Array, steps: int = 20) -> Norms:
@@ -242,7 +245,8 @@ def iterated(matrices: Matrices, lam: Array, x: Array, z: Array) -> tuple[Array,
         value, right, left = (part.real if not value.imag else part for part in (value, right, left))
         solve = _solver(K + value * (D + value * M))
         better.append((solve(right), solve(left, 2)))
-    return settled(matrices, lam, *(np.array(side, dtype=complex).T for side in zip(*better, strict=True)))
+    x, z = (np.array(side, dtype=complex).T for side in zip(*better, strict=True))
+    return settled(of_each(matrices, x), lam, x, z)[:3]
 
 
 def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside: Inside, number: int, sizes: RadiiAt,
@@ -253,8 +257,10 @@ def seen(states: States, values: Mapping[str, float], matrices: Matrices, inside
             found = states.pairs(values, matrices, inside)
         except la.LinAlgError:
             found = np.zeros(0, dtype=complex), *np.zeros((2, len(matrices[0]), 0), dtype=complex)
-        lam, x, z = settled(matrices, *found)
-        size = sizes(lam, x, z) + states.inverse(lam) * residuals(matrices, lam, x, z)
+        lam, x, z, images = settled(of_each(matrices, found[1]), *found)
+        K, D, M = matrices
+        rest = lengths(images, lam) * lengths(of_each((K.T, D.T, M.T), z), lam.conj())
+        size = sizes(lam, x, z) + states.inverse(lam) * rest
         # half of the tolerance, since `least` may be corrected later, and the radii then grow
         return [lam, x, z, size], *_apart(lam, size, inside, tol / 2, number), found[0]
 

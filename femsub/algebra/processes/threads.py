@@ -146,12 +146,12 @@ def by_threads(call: Callable[..., T], *columns: Any) -> Iterator[T]:
 def times(A: Matrix, X: Array) -> Array:
     """AX for A (n, n) and X (n, k) or (n,). Rows of a large A are divided among as many threads as BLAS has; SciPy uses one.
 
-    For a real sparse A and a complex X, SciPy would make a complex copy of A. Here X is taken as twice as many real columns.
+    For a real A and a complex X, SciPy and NumPy would make a complex copy of A. Here X is taken as twice as many real columns.
     """
     if X.ndim == 1:
         return np.asarray(A @ X)
-    if sp.issparse(A) and np.iscomplexobj(X) and not np.iscomplexobj(A.data):
-        return times(A, np.ascontiguousarray(X).view(float)).view(complex)
+    if np.iscomplexobj(X) and not np.iscomplexobj(A):
+        return times(A, np.ascontiguousarray(X).view(X.real.dtype)).view(X.dtype)
     # sparse multiplications take five times as long as dense ones; with ten nonzeros per row, as in a chain, the copies cost more
     # than a second thread gains
     if not sp.issparse(A) or A.format != "csr" or A.nnz < max(WORK / 5 / max(X.shape[1], 1), 10 * A.shape[0]) \

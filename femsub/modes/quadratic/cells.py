@@ -41,6 +41,7 @@ import scipy.linalg as la
 
 from femsub.checks import EPS, Array
 from femsub.modes.quadratic.energy_basis import (
+    NEARBY,
     PIECES,
     SAFE,
     WIDER,
@@ -55,7 +56,6 @@ from femsub.modes.quadratic.energy_basis import (
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
 
-NEAR = 0.1  # |s - λ|/|λ - σ| of eigenpairs that are bounded one by one
 LEFT = 0.005  # share of the bound that truncated singular values may use
 
 
@@ -137,7 +137,7 @@ class CellBound:
                  outside: tuple[Array, float]) -> None:
         self.small, self.contour, self.root, (H, self.left_out) = small, contour, c**-0.5, outside
         self.changes = [(change, delta) for change, delta in changes if delta]
-        near, _ = small.near(contour, NEAR)
+        near, _ = small.near(contour, NEARBY)
         self.near = np.flatnonzero(near)
         self.order = np.append(self.near, np.flatnonzero(~near))
         sides = [(part[:, self.near], part[:, self.order]) for part in (small.z, small.x)]  # left, right; of near and all pairs
@@ -273,7 +273,7 @@ class CellBound:
     def _single(self, s: Array, reach: Array, apart: Array) -> Array:
         """The pairs near pieces of the contour, for those pieces where they are to be `apart`, (l, n)."""
         near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
-        return (near <= NEAR) & apart[:, None]
+        return (near <= NEARBY) & apart[:, None]
 
     def margin(self) -> tuple[float, list[Array], Array, complex]:
         """Upper bound of ϱ(β)² on the contour, directions that lower it, the share of each change where it fails, and s there.

@@ -45,6 +45,7 @@ from femsub.modes.quadratic.region import Contour
 SAFE = 0.9  # required margin on a contour; the theorem needs 1
 AWAY = 1.3  # shift σ in units of the largest |λ|: P_U is regular there, but may be singular at 0
 RIGHT = 1e-6  # largest accepted error of the sum over eigenpairs as the inverse of P_U
+NEARBY = 0.1  # |s - λ|/|λ - σ| of eigenpairs that are bounded one by one
 WIDER = 40  # residuals of each kind that enrich the basis at a time
 PIECES = 20_000  # largest number of pieces of a contour
 BATCH = 512  # pieces that are evaluated together
@@ -345,8 +346,8 @@ class EnergyBasis:
 
 
 def real_times(A: Array, X: Array) -> Array:
-    """AX for real A and complex X of the same precision: half of the work of a complex A."""
-    return (A @ np.ascontiguousarray(X).view(A.dtype)).view(X.dtype)
+    """AX for real A and complex X of one precision, without a complex copy of A."""
+    return times(A, X)
 
 
 class RealPairs(NamedTuple):
@@ -491,7 +492,7 @@ class Coupling:
             new += [self.basis.residuals(s, x[:, at[order]], bool(i)) for i, x in enumerate((self.x, self.z)[:both])]
         return far + worst, new
 
-    def near(self, contour: Contour, away: float = 0.1) -> tuple[Array, Array]:
+    def near(self, contour: Contour, away: float = NEARBY) -> tuple[Array, Array]:
         """Which eigenpairs come within `away` of the contour and must be bounded one by one; and min |s - λ| / |λ - σ|."""
         s, reach = discs_on(contour, *pieces(BATCH))
         distance = (self._apart(s, slice(None)) - reach[:, None] * np.abs(self.nu)).min(axis=0)
