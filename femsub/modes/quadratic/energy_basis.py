@@ -587,19 +587,23 @@ def eigenpairs(matrices: Array, unit: float) -> tuple[tuple[float, Array, Array,
         P, slope = K + shift * D + shift**2 * M, D + 2 * shift * M
         companion = np.block([[-np.linalg.solve(P, np.hstack([unit * slope, unit**2 * M]))], [one, np.zeros((m, m))]])
         nu, right = np.linalg.eig(companion)  # SciPy's eig holds the lock of Python
+        del companion  # two threads may be here, each with arrays of (2m)²
         nu = nu.astype(complex)
         # for multiple λ LAPACK's own left vectors are not dual to the right ones. Real and imaginary parts span the same space
         first = np.flatnonzero(nu.imag > 0)
         real = real_columns(first, right)
-        x, z = real[m:], np.linalg.solve(P.T, np.linalg.inv(real)[:, :m].T) * unit
+        del right
+        x, z = real[m:].copy(), np.linalg.solve(P.T, np.linalg.inv(real)[:, :m].T) * unit
+        del real
         z[:, np.append(first, first + 1)] /= 2
         length = [np.square(part).sum(axis=0) for part in (z, x)]
         for own in length:
             own[first] = own[first + 1] = own[first] + own[first + 1]
         even = (length[0] / length[1]) ** 0.25
-        inner, outer = [x * even, z / even], [T @ (x * even), T @ (z / even)]
-        x, z, X, Z = (complex_columns(first, part) for part in (*inner, *outer))
-        return (shift, nu / unit, X, Z), (K, D, M), (x, z)
+        x *= even
+        z /= even
+        X, Z = (complex_columns(first, T @ part) for part in (x, z))
+        return (shift, nu / unit, X, Z), (K, D, M), (complex_columns(first, x), complex_columns(first, z))
 
 
 def _wrong(matrices: Sequence[Array], x: Array, z: Array, small: Coupling) -> float:
