@@ -16,7 +16,7 @@ import femsub as fs
 from femsub.model import in_band
 from femsub.modes import Contour
 from femsub.reduction import parameter_box
-from femsub.reduction.states import Polynomials, Spaces, States, inverse_beside, iterated, listed, seen, settled
+from femsub.reduction.states import Polynomials, Spaces, States, inverse_beside, iterated, listed, of_each, seen, settled
 from femsub.stability.leaves import Companion
 
 CONTOUR = Contour(sides=(-3.0, 3.0, 3.0))
@@ -187,9 +187,9 @@ def test_inverse_iteration_mends_a_mixed_pair() -> None:
     M, D, K = here
     lam, x, z = exact(here)
     mixed = x + 0.01 * np.roll(x, 1, axis=1), z + 0.01 * np.roll(z, -1, axis=1)
-    before = settled((K, D, M), lam * (1 + 1e-7), *mixed)
-    after = iterated((K, D, M), before[0], *before[1:])
-    assert (sizes_of(here)(*after) < 1e-6 * sizes_of(here)(*before)).all()
+    before = settled(of_each((K, D, M), mixed[0]), lam * (1 + 1e-7), *mixed)
+    after = iterated((K, D, M), *before[:3])
+    assert (sizes_of(here)(*after) < 1e-6 * sizes_of(here)(*before[:3])).all()
     np.testing.assert_allclose(after[0], lam, rtol=1e-12)
 
 
@@ -197,7 +197,9 @@ def test_inverse_iteration_mends_a_mixed_pair() -> None:
 def test_the_inverse_beside_some_pairs_is_that_without_them(seed: int) -> None:
     M, D, K = pencil(rng := np.random.default_rng(seed), 16)
     D = D + np.diag(rng.uniform(0.0, 8.0, 16))
-    lam, x, z = settled((K, D, M), *all_inside([M, D, K], Contour(sides=(-50.0, 50.0, 50.0))))
+    every = all_inside([M, D, K], Contour(sides=(-50.0, 50.0, 50.0)))
+    lam, x, z, images = settled(of_each((K, D, M), every[1]), *every)
+    assert la.norm(images - of_each((K, D, M), x)) < 1e-12 * la.norm(images)
     assert len(lam) == 32
     inside, norms = CONTOUR.encloses(lam), []
     at = np.flatnonzero(inside & (lam.imag >= 0))
@@ -222,7 +224,8 @@ def test_what_states_lack_in_the_basis_is_in_their_sizes(seed: int) -> None:
     for load in np.linspace(0.0, 0.4, 7).tolist():
         M_, D_, K_ = at(values := {"load": load})
         matrices = K_, D_, M_
-        lam, x, z = settled(matrices, *all_inside(at(values), Contour(sides=(-50.0, 50.0, 50.0))))
+        every = all_inside(at(values), Contour(sides=(-50.0, 50.0, 50.0)))
+        lam, x, z, _ = settled(of_each(matrices, every[1]), *every)
         inside = CONTOUR.encloses(lam)
         here = replace(states, inverse=inverse_beside(lam[inside], lam[~inside], x[:, ~inside], z[:, ~inside]))
         (found, _, _, size), *_ = seen(here, values, matrices, CONTOUR.encloses, inside.sum(), lambda lam, *_: 0 * lam.real, 1.0)
