@@ -21,8 +21,8 @@ import femsub as fs
 from femsub.checks import FemsubWarning, InputError
 from femsub.modes import eigenpairs
 from femsub.modes.quadratic import projected_count
-from femsub.reduction import over_box, parameter_box
-from femsub.reduction.states import spread
+from femsub.reduction import over_box, parameter_box, states
+from femsub.reduction.states import iterated, spread
 from femsub.stability.labels import sources_of
 
 
@@ -490,7 +490,7 @@ M0 = Path(__file__).parents[2] / "shared" / "brake-m0"
 
 @pytest.mark.rare
 @pytest.mark.skipif(not M0.exists(), reason="the matrices of brake M0 are not there")
-def test_brake_m0_over_all_speeds():
+def test_brake_m0_over_all_speeds(monkeypatch):
     """The page docs/tutorials/public-brake.md shows the same, and its test runs with the slow ones."""
     read = {name: sp.csr_array(next(value for key, value in loadmat(M0 / f"{name}.mat").items() if key[0] != "_")).astype(float)
             for name in ("BMLL", "BDLL", "BDIWLL", "BYLL", "BHLL", "BKLL", "BKQLL", "BWLL")}
@@ -503,6 +503,11 @@ def test_brake_m0_over_all_speeds():
         modes = small.modes(speed=speed)
         assert len(modes) == 37 and modes.evidence == "certified"
         assert abs(modes.growth - growth) < 1e-6 and (modes.error_bar <= 1e-6 * np.abs(modes.eigenvalues)).all()
+    again = []
+    monkeypatch.setattr(states, "iterated", lambda matrices, lam, x, z: again.extend(lam) or iterated(matrices, lam, x, z))
+    for speed in np.linspace(2 * np.pi, 8 * np.pi, 20):
+        assert len(small.modes(speed=speed)) == 37
+    assert len(again) <= 20  # the states alone give nearly all pairs: with too low a degree four at each speed were iterated
 
 
 @pytest.mark.slow

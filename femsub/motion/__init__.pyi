@@ -9,6 +9,7 @@ from .charts import (
 from .compared import growth_in_time as growth_in_time, motion_row as motion_row, spectrograms as spectrograms
 from .cycles.branch_chart import bifurcation_chart as bifurcation_chart
 from .cycles.compared import cycles_verdict as cycles_verdict
+from .cycles.compliance import small as small
 from .cycles.continuation import PARAMETERS as PARAMETERS, with_parameter as with_parameter
 from .cycles.families import (
     along as along,
@@ -17,7 +18,6 @@ from .cycles.families import (
     in_turn as in_turn,
     settled as settled,
     settled_over as settled_over,
-    small as small,
 )
 from .cycles.hopf import range_around as range_around
 from .cycles.initial_guess import onsets as onsets

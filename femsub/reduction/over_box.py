@@ -234,7 +234,8 @@ class _Maker:
         self.c = self.least = c if c > 0 else 1.0  # of the whole box; `learn` corrects it
         self.kept = 1.0  # a direction of the vectors is kept if its residual exceeds this share of the allowed residual
         corners = [dict(zip(names, corner, strict=True)) for corner in product(*box.ranges.values())]
-        nodes = self.enriched(list(by_threads(lambda corner: self.node(corner, contour), corners)), len(corners))
+        each = by_threads if names else map  # one eigenproblem alone takes all threads of BLAS
+        nodes = self.enriched(list(each(lambda corner: self.node(corner, contour), corners)), len(corners))
         middle = dict(zip(names, ((lo + hi) / 2).tolist(), strict=True))
         # corners as well: of their vectors, the basis has only the directions that were `kept`
         places = [middle, *(corners + _places(box.ranges, PLACES * len(names)) if names else [])]
@@ -301,7 +302,7 @@ class _Maker:
         lost = np.array([la.norm(part, 2) for part in mix[..., ~kept]]) if not kept.all() else np.zeros(len(scale))
         mix = mix[..., kept]
         rounding = float(np.finfo(np.float32).eps) * la.norm(mix, axis=(1, 2))
-        if rounding @ scale.ravel() <= max(lost @ scale.ravel(), allowed / 10):
+        if rounding @ scale.ravel() <= max(lost @ scale.ravel(), allowed / 10):  # no more than what was dropped, or negligible
             mix, lost = mix.astype(np.float32), lost + rounding
         places = np.array([-1 if place is None else place for place, _ in projection.own_weights])
         base = np.array([weights for _, weights in projection.own_weights])
@@ -348,7 +349,7 @@ class _Maker:
             states = replace(States.of(over, spaces, unit), inverse=inverse)
             tried.append((*self.lacking(model, cell, states), states))
             largest = [one[1] for one in tried]
-            known = 3 if tried[-1][0] else 1  # by symmetry, one higher degree may gain nothing
+            known = 3 if tried[-1][0] else 1  # one or two higher degrees may gain nothing, and pairs that lack cost more
             if len(tried) > known and largest[-1] > largest[-1 - known] / 2:  # the rest is the error of the model itself
                 break
         lacking, _, states = min(tried, key=lambda one: (one[0], one[1] > 2 * min(largest)))

@@ -144,7 +144,7 @@ def by_threads(call: Callable[..., T], *columns: Any) -> Iterator[T]:
 
 
 def times(A: Matrix, X: Array) -> Array:
-    """AX for A (n, n) and X (n, k) or (n,). Rows of a large A are divided among as many threads as BLAS has; SciPy uses one.
+    """AX for A (l, n) and X (n, k) or (n,). Rows of a large A are divided among as many threads as BLAS has; SciPy uses one.
 
     For a real A and a complex X, SciPy and NumPy would make a complex copy of A. Here X is taken as twice as many real columns.
     """

@@ -24,8 +24,9 @@ eigenvalues inside is the same for all θ in the cell as at θ_c. For near pairs
 matters for friction, where zᴴEx is small compared with ‖Q_Lᵀz‖ ‖Q_Rᵀx‖. In a cluster with nearly dependent vectors, sums over
 single pairs are large. Near such a cluster, all pairs belong to T_f.
 
-Products with T_f are evaluated in the middle of each piece of the curve. Their change over the piece is bounded by sums over
-eigenpairs. The same products serve the finer pieces on which near pairs are bounded.
+The curve is divided into pieces, and each piece has its own near pairs. Products with T_f are evaluated in the middle of the
+piece. Their change over the piece is bounded by sums over eigenpairs, which decide how fine the pieces must be before anything is
+multiplied. The same products serve the finer pieces on which near pairs are bounded.
 
 References: T. Kato, Math. Ann. 125 (1952) 208 (mixed Schwarz inequality); L. Collatz, Math. Z. 48 (1942) 221 (ϱ(β) is at most the
 largest (βw)_i / w_i, w > 0); A. T. Patera, G. Rozza (2007), see `energy_basis`.
@@ -39,19 +40,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.linalg as la
 
+from femsub.algebra import times
 from femsub.checks import EPS, Array
-from femsub.modes.quadratic.energy_basis import (
-    NEARBY,
-    PIECES,
-    SAFE,
-    WIDER,
-    Coupling,
-    EnergyBasis,
-    discs_on,
-    of_pieces,
-    pieces,
-    real_times,
-)
+from femsub.modes.quadratic.energy_basis import NEARBY, PIECES, SAFE, WIDER, Coupling, EnergyBasis, discs_on, of_pieces, pieces
 
 if TYPE_CHECKING:
     from femsub.modes.quadratic.region import Contour
@@ -137,7 +128,7 @@ class CellBound:
                  outside: tuple[Array, float]) -> None:
         self.small, self.contour, self.root, (H, self.left_out) = small, contour, c**-0.5, outside
         self.changes = [(change, delta) for change, delta in changes if delta]
-        near, _ = small.near(contour, NEARBY)
+        near, _ = small.near(contour)
         self.near = np.flatnonzero(near)
         self.order = np.append(self.near, np.flatnonzero(~near))
         sides = [(part[:, self.near], part[:, self.order]) for part in (small.z, small.x)]  # left, right; of near and all pairs
@@ -198,18 +189,18 @@ class CellBound:
         Q_L, Q_R = (part * np.sqrt(powers).astype(np.float32)[power] for part, power in self.Q)
         degrees = (s ** np.arange(3)).astype(np.complex64)
         L, R = (np.tensordot(own, part, 1) for own, part in zip((degrees.conj(), degrees), self.H, strict=True))
-        TQ, QT, TL, RT = real_times(Q_L.T, turned).T, real_times(Q_R.T, T), T @ L.conj().T, R @ T
+        TQ, QT, TL, RT = times(Q_L.T, turned).T, times(Q_R.T, T), T @ L.conj().T, R @ T
         # each change has its own power of s
         own = np.array([(powers[power] / self.contour.size**power) for power, *_ in self.first], dtype=np.float32)
         zE, xE = (own[:, None, None] * np.stack([image[single] for image in part]) for part in self.images)
         zT, xT = zE @ T, xE @ turned
         # for each pair the lengths of the vectors on both sides of T_f: images in Q and outside
-        of_z, of_x = (np.hypot(la.norm(real_times(Q.T, part.reshape(-1, len(T)).T), axis=0).reshape(part.shape[:2]),
+        of_z, of_x = (np.hypot(la.norm(times(Q.T, part.reshape(-1, len(T)).T), axis=0).reshape(part.shape[:2]),
                                root * la.norm(part, axis=2)).sum(axis=0) for Q, part in ((Q_L, zT), (Q_R, xT)))
         second = np.abs(zT.reshape(-1, len(T)) @ xE.reshape(-1, len(T)).T).reshape(zT.shape[:2] + xT.shape[:2]).sum(axis=(0, 2))
-        few = np.array([la.norm([[_norm(real_times(Q_R.T, TQ)), root * la.norm(QT)], [root * la.norm(TQ), self.rest * whole]], 2),
-                        np.hypot(_norm(real_times(Q_L.T, RT.T)), root * la.norm(RT)),
-                        np.hypot(_norm(real_times(Q_R.T, TL)), root * la.norm(TL)), la.norm(RT @ L.conj().T)])
+        few = np.array([la.norm([[_norm(times(Q_R.T, TQ)), root * la.norm(QT)], [root * la.norm(TQ), self.rest * whole]], 2),
+                        np.hypot(_norm(times(Q_L.T, RT.T)), root * la.norm(RT)),
+                        np.hypot(_norm(times(Q_R.T, TL)), root * la.norm(TL)), la.norm(RT @ L.conj().T)])
         # the rounding of products in single precision
         (of_L, outside_L), (of_R, outside_R) = self.norms
         digits = len(T) ** 0.5 * (np.finfo(np.float32).eps * whole
@@ -247,7 +238,7 @@ class CellBound:
         """Upper bounds (l,) of ϱ(β)² for |s' - s| ≤ reach; without the coupling to the outside if not `coupled`."""
         n, (to_u, from_u) = len(self.near), self.B
         powers = (np.abs(s) + reach)[:, None] ** np.arange(3)
-        near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
+        near = self._distance(s, reach)
         near = np.where(single, np.where(near > 0, near, np.nan), np.inf)
         a = np.sqrt(np.abs(self.small.nu[self.near]) / near)
         images = self.small._lengths(s, reach[:, None], self.beside)[::-1]
@@ -272,8 +263,11 @@ class CellBound:
 
     def _single(self, s: Array, reach: Array, apart: Array) -> Array:
         """The pairs near pieces of the contour, for those pieces where they are to be `apart`, (l, n)."""
-        near = self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
-        return (near <= NEARBY) & apart[:, None]
+        return (self._distance(s, reach) <= NEARBY) & apart[:, None]
+
+    def _distance(self, s: Array, reach: Array) -> Array:
+        """Lower bounds of |s' - λ|/|λ - σ| of the near pairs for |s' - s| ≤ reach, (l, n)."""
+        return self.small._apart(s, self.near) - reach[:, None] * np.abs(self.small.nu[self.near])
 
     def margin(self) -> tuple[float, list[Array], Array, complex]:
         """Upper bound of ϱ(β)² on the contour, directions that lower it, the share of each change where it fails, and s there.

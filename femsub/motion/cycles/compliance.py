@@ -60,13 +60,18 @@ def spectral(pencil: Pencil) -> Spectral | None:
 _KNOWN: WeakKeyDictionary[Substructure, Spectral | None] = WeakKeyDictionary()
 
 
+def small(model: Substructure) -> bool:
+    """Whether a model is small enough to compute all its modes and the stability of its cycles."""
+    return not model.pencil.is_sparse or model.size <= QUADRATIC
+
+
 def compliance(contact: Sliding) -> Compliance:
-    """The compliance of a model at its contacts: by partial fractions if it is dense or has at most 2,000 DOF, else by solves.
+    """The compliance of a model at its contacts: by partial fractions if it is `small`, else by solves.
 
     A model is decomposed once. A model with structural damping is solved at each frequency.
     """
     model = contact.model
-    if model.H is None and (not model.pencil.is_sparse or model.size <= QUADRATIC):
+    if model.H is None and small(model):
         if model not in _KNOWN:
             _KNOWN[model] = spectral(model.pencil.dense())
         found = _KNOWN[model]

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from femsub.algebra import QUADRATIC
 from femsub.checks import Array, NoCycleError, NotConvergedError, listener
 from femsub.coupling import Belt
 from femsub.model import Contact, Substructure
 from femsub.motion.cycles.branch import Branch, branch
+from femsub.motion.cycles.compliance import small
 from femsub.motion.cycles.continuation import with_parameter
 from femsub.motion.cycles.initial_guess import of_signal
 from femsub.motion.cycles.limit_cycle import LimitCycle, harmonic_balance
@@ -25,11 +25,6 @@ from femsub.motion.transient import transient
 from femsub.output import label
 
 Report = Callable[[str], None] | None
-
-
-def small(model: Substructure) -> bool:
-    """Whether a model is small enough to compute all its modes and the stability of its cycles."""
-    return not model.pencil.is_sparse or model.size <= QUADRATIC
 
 
 def in_turn(models: Mapping[str, Substructure]) -> dict[str, Substructure]:
