@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,10 +46,8 @@ def test_a_change_that_acts_from_the_basis_to_the_rest_alone_is_not_proved_away(
         assert margin < 1 or delta > 1
 
 
-@pytest.mark.sampled(8)
-@pytest.mark.parametrize("seed", range(40))
-def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
-    """Whole terms of all kinds and powers, beside clusters, strong dashpots and skew parts: counts at corners and in between."""
+def random_cell(seed: int) -> tuple[Any, ...]:
+    """A basis with whole terms of all kinds and powers, beside clusters, strong dashpots and skew parts, and a contour."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(3, 14))
     m, r = int(rng.integers(1, n)), rng.uniform(0.4, 2.2)
@@ -73,6 +72,14 @@ def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
     basis.add(la.qr(np.eye(n)[:, :m] + 0.15 * (seed % 2) * rng.standard_normal((n, m)), mode="economic")[0])
     small, W = Coupling.of(basis, contour.size), la.null_space(basis.V.T)
     whole = [WholeTerm.of(basis, own, k) for own, (_, k) in zip(parts[2:], changes, strict=True)]
+    return rng, (M, D, K), changes, contour, terms, parts, basis, small, W, whole
+
+
+@pytest.mark.sampled(8)
+@pytest.mark.parametrize("seed", range(40))
+def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
+    """Counts at corners of the cell and in between."""
+    rng, (M, D, K), changes, contour, terms, parts, basis, small, W, whole = random_cell(seed)
     base = rng.uniform(0.3, 1, len(changes))
     number = int(np.count_nonzero(contour.encloses(small.values)))
     for delta in (scale * base for scale in np.geomspace(0.003, 1, 8)):
@@ -89,6 +96,26 @@ def test_random_cells_that_are_proved_lose_no_eigenvalue(seed: int) -> None:
             stiff, damp = (part + sum(theta * T for theta, (T, k) in zip(at, changes, strict=True) if k == power)
                            for part, power in ((K, 0), (D, 1)))
             assert np.count_nonzero(contour.encloses(eigenvalues(M, damp, stiff))) == number
+
+
+def test_products_at_a_place_bound_those_on_the_piece_around_it() -> None:
+    """For near pairs chosen at random; without the bound of their change they do not."""
+    above = 0
+    for seed in range(24):
+        rng, _, _, contour, terms, _, basis, small, _, whole = random_cell(seed)
+        cell = CellBound(small, contour, 0.5, [(one, 0.1) for one in whole], images(basis, np.ones(len(terms))))
+        for s in contour.at(rng.random(4)):
+            single = rng.random(len(cell.near)) < 0.5
+            apart = np.abs(small.each - s)
+            apart[cell.near[single]] = np.inf
+            reach = 0.3 * np.nanmin(apart)
+            here, bound = cell._of_far(s, reach, single)
+            assert np.isfinite(bound).all()
+            for moved in s + reach * rng.random(6) * np.exp(2j * np.pi * rng.random(6)):
+                there = cell._of_far(moved, 0.0, single)[0]
+                assert (there <= bound * (1 + 1e-5) + 1e-6).all()
+                above += int((there > here * (1 + 1e-5) + 1e-6).any())
+    assert above > 100
 
 
 def test_two_changes_that_cancel_are_not_taken_as_one() -> None:

@@ -372,6 +372,9 @@ def test_the_sum_over_eigenpairs_is_the_inverse() -> None:
     del changed.wrong
     assert changed.wrong > 1e-6  # one pair that is wrong is seen
     s = 0.3 + 0.8j
+    for found, x in zip(small.both_products, (small.x, small.z), strict=True):  # of conjugates as well
+        assert np.allclose(found, small._products(x), rtol=0, atol=1e-12 * np.abs(found).max())
+        assert np.abs(found.imag).max() > 1e-8 * np.abs(found).max()
     weights = small.nu / (1 - (s - small.shift) * small.nu)
     inverse = (small.x * weights) @ small.z.conj().T
     assert la.norm(small.pairs.sum(weights) - inverse) < 1e-13 * la.norm(np.abs(weights) * la.norm(small.x, axis=0)
